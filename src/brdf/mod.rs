@@ -1,0 +1,47 @@
+//! Surface reflection in the plane of incidence: analytic models, one per file, and tables.
+//!
+//! Every [`Brdf`] is the in-plane slice of a 3-D BRDF, in sr⁻¹, for one channel; a [`Material`] holds
+//! one per channel.
+
+mod transfer;
+
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use crate::angle::LocalAngle;
+
+pub use transfer::{IncidentRule, transfer_row};
+
+/// The in-plane slice of an isotropic BRDF in one channel.
+///
+/// ρ(θi′, θo′) = [`Brdf::value`] plus, for mirrors, a delta function: the transfer function is
+/// ρ̂(θi′, θo′) = value · cos θi′ + [`Brdf::mirror`](θo′) · δ(θi′ + θo′).
+pub trait Brdf: Debug + Send + Sync {
+    /// ρ(θi′, θo′) without the delta part, sr⁻¹, no cosine in it; 0 if either direction is below the
+    /// surface.
+    fn value(&self, incident: LocalAngle, exitant: LocalAngle) -> f64;
+
+    /// Weight of the mirror's δ(θi′ + θo′) in ρ̂ (dimensionless reflectance).
+    fn mirror(&self, _exitant: LocalAngle) -> f64 {
+        0.0
+    }
+
+    /// Width (radians, in θi′) of the narrowest lobe around the mirror direction: how fine a
+    /// quadrature must be there.
+    fn lobe_width(&self) -> f64;
+
+    /// Angles θi′ (radians) at which the value has a kink for this exitant direction, beyond those at
+    /// ±π/2: quadrature panels end there.
+    fn kinks(&self, _exitant: LocalAngle) -> Vec<f64> {
+        Vec::new()
+    }
+}
+
+/// One BRDF per channel.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// Channel names.
+    pub channels: Vec<String>,
+    /// The BRDF of each channel.
+    pub brdfs: Vec<Arc<dyn Brdf>>,
+}

@@ -1,0 +1,58 @@
+//! Photographs of a cylinder or a sphere in; measurements of light and material out.
+//!
+//! A homogeneous convex object is photographed from many directions in a plane. Every pixel on its
+//! cross-section is one sample of the **reflected light field** B(α, θo′). Reflection is a
+//! convolution of the incident light with the BRDF, so lighting and BRDF follow by deconvolution:
+//! R. Ramamoorthi and P. Hanrahan, "Analysis of planar light fields from homogeneous convex curved
+//! surfaces under distant illumination", Proc. SPIE 4299 (2001), cited everywhere as \[RH01\] with
+//! its equation numbers.
+//!
+//! # Conventions
+//!
+//! This is the only table of conventions; everything else refers to it.
+//!
+//! | symbol | meaning | range, unit |
+//! |---|---|---|
+//! | measurement plane | the plane of the object's cross-section; it holds the camera's centre and the light | |
+//! | α ([`NormalAngle`]) | direction of the outward surface normal, from the reference axis, counter-clockwise | [−π, π) rad |
+//! | θi, θo ([`WorldAngle`]) | incident / exitant direction, global; both point **away** from the surface | rad |
+//! | θi′ = θi − α, θo′ = θo − α ([`LocalAngle`]) | the same, local to the normal, **signed** (eq. 1) | [−π/2, π/2] rad |
+//! | L(θi) | incident light per radian of in-plane angle | W m⁻² rad⁻¹, on a surface facing θi |
+//! | ρ(θi′, θo′) | BRDF, plane-of-incidence slice of the 3-D BRDF; **no cosine** in it | sr⁻¹ |
+//! | ρ̂ = ρ cos θi′ | transfer function (eq. 3) | |
+//! | ρ̃ = ρ cos θi′ cos θo′ | reciprocal transfer function (eq. 5): ρ̃(a, b) = ρ̃(b, a) | |
+//! | B(α, θo′) | reflected light field | W m⁻² sr⁻¹ |
+//! | B̃ = B cos θo′ | (eq. 5) | |
+//!
+//! * Reflection equation (eq. 4): B(α, θo′) = ∫ L(α + θi′) ρ̂(θi′, θo′) dθi′ over the half circle.
+//! * The mirror direction is θi′ = −θo′; a lobe is a function of θi′ + θo′.
+//! * A distant source of irradiance E (on a surface facing it) at θ is L = E δ(θ).
+//! * Fourier series (eq. 6): f_k = (1/2π) ∫ f(θ) e^{−ikθ} dθ, f(θ) = Σ f_k e^{ikθ}. Functions of local
+//!   angles are zero outside [−π/2, π/2]. The 2π and the sign are applied in [`fourier`] and nowhere else.
+//! * Product form (eq. 14): B(α, θo′) = Σ_p L_p H_p(θo′) e^{ipα} with
+//!   H_p(θo′) = 2π ρ̂_{−p}(θo′) = ∫ ρ̂(θi′, θo′) e^{ipθi′} dθi′.
+//! * Inside the program angles are radians; in files degrees, and the name says so (`_deg`).
+
+#![warn(missing_docs)]
+
+pub mod angle;
+pub mod brdf;
+pub mod capture;
+pub mod error;
+pub mod fourier;
+pub mod geometry;
+pub mod grid;
+pub mod light_field;
+pub mod lighting;
+pub mod photo;
+pub mod pipeline;
+pub mod radiance;
+pub mod recover;
+pub mod reflect;
+pub mod report;
+pub mod simulate;
+pub mod validate;
+
+pub use angle::{LocalAngle, NormalAngle, WorldAngle};
+pub use error::{Error, Result};
+pub use grid::Grid;

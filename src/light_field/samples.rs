@@ -1,0 +1,96 @@
+//! The measured light field as the recoveries take it: exact positions, values, variances.
+
+use std::f64::consts::PI;
+
+use crate::angle::LocalAngle;
+use crate::grid::Grid;
+
+/// Samples of B(α, θo′), sorted into columns of equal θo′.
+///
+/// Every sample of a column has exactly the column's θo′ (the pixels of each view are fitted there,
+/// see [`crate::light_field`]); α is irregular.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Samples {
+    /// Channel names.
+    pub channels: Vec<String>,
+    /// Columns in increasing θo′.
+    pub columns: Vec<Column>,
+}
+
+/// The samples at one θo′.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// θo′ of all samples of this column.
+    pub local: LocalAngle,
+    /// α of each sample, radians, \[n\].
+    pub alpha: Vec<f64>,
+    /// Number of the view each sample came from, \[n\].
+    pub view: Vec<u32>,
+    /// B, W m⁻² sr⁻¹ (or the capture's relative unit), \[channel\]\[n\].
+    pub value: Vec<Vec<f64>>,
+    /// Variance of B, \[channel\]\[n\]; infinite where the sample is missing in that channel.
+    pub variance: Vec<Vec<f64>>,
+}
+
+impl Samples {
+    /// One sample at the centre of each cell of `grid`; `value` and `variance` are
+    /// \[channel\]\[cell\], row-major as in [`Grid::index`]; infinite variance marks a missing cell.
+    pub fn from_grid(
+        grid: Grid,
+        channels: Vec<String>,
+        value: &[Vec<f64>],
+        variance: &[Vec<f64>],
+    ) -> Self {
+        let rows = 0..grid.normals;
+        let columns = (0..grid.locals)
+            .map(|j| {
+                let pick = |all: &[Vec<f64>]| -> Vec<Vec<f64>> {
+                    all.iter()
+                        .map(|v| rows.clone().map(|i| v[grid.index(i, j)]).collect())
+                        .collect()
+                };
+                Column {
+                    local: grid.local(j),
+                    alpha: rows.clone().map(|i| grid.normal(i).rad()).collect(),
+                    view: rows.clone().map(|i| i as u32).collect(),
+                    value: pick(value),
+                    variance: pick(variance),
+                }
+            })
+            .collect();
+        Self { channels, columns }
+    }
+
+    /// Number of samples that are present in `channel`.
+    pub fn count(&self, channel: usize) -> usize {
+        self.columns
+            .iter()
+            .map(|c| c.variance[channel].iter().filter(|v| v.is_finite()).count())
+            .sum()
+    }
+
+    /// Width of a column in θo′, radians, taken from the spacing of the columns.
+    pub fn column_width(&self) -> f64 {
+        match self.columns.as_slice() {
+            [first, .., last] => {
+                (last.local.rad() - first.local.rad()) / (self.columns.len() - 1) as f64
+            }
+            _ => PI,
+        }
+    }
+}
+
+impl Column {
+    /// If all α lie on one regular circle −π + (i + ½)·2π/n in order (as [`Samples::from_grid`] makes
+    /// them), its n: then sums over the column are FFTs.
+    pub fn regular(&self) -> Option<usize> {
+        let n = self.alpha.len();
+        let step = 2.0 * PI / n as f64;
+        let regular = n > 0
+            && self.alpha.iter().enumerate().all(|(i, a)| {
+                // Rounding of −π + (i + ½)·step is below 1e-15; 1e-12 is far below any real spacing.
+                (a - (-PI + (i as f64 + 0.5) * step)).abs() < 1e-12
+            });
+        regular.then_some(n)
+    }
+}

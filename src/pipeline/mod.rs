@@ -1,0 +1,1 @@
+//! Recipes, the order of the stages, products and provenance.

@@ -1,0 +1,1 @@
+//! The inverse directions: lighting, BRDF, or both from a light field.

@@ -1,0 +1,1 @@
+//! The forward direction: the light field of a lighting and a BRDF.

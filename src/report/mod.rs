@@ -1,0 +1,1 @@
+//! The report: one function per figure, and the page that orders them.

@@ -1,0 +1,1 @@
+//! Synthetic capture sets: the exact forward model through a camera's faults.

@@ -1,0 +1,1 @@
+//! Truth against estimate: Monte-Carlo studies and the paper's own results.
