@@ -1,1 +1,6 @@
 //! The inverse directions: lighting, BRDF, or both from a light field.
+
+pub mod lighting;
+mod status;
+
+pub use status::Status;

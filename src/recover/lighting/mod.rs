@@ -1,0 +1,7 @@
+//! Lighting from a known BRDF (`recover = "lighting"`).
+
+mod estimate;
+
+pub use estimate::{
+    ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, SourceEstimate,
+};
