@@ -33,8 +33,8 @@ pub use estimate::{
     ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, SourceEstimate,
 };
 use mixture::{Channel, Mixture};
-pub use prior::SpectralPrior;
 use prior::Posterior;
+pub use prior::SpectralPrior;
 pub use sources::unit_response;
 
 /// σ(L_p)/L_0 up to which a coefficient is determined.
