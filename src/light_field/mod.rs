@@ -2,9 +2,11 @@
 
 mod columns;
 mod field;
+mod file;
 mod gridding;
 mod samples;
 mod strip;
 
 pub use field::LightField;
+pub use file::{Part, encode};
 pub use samples::{Column, Samples};
