@@ -4,13 +4,15 @@ import argparse
 import shutil
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import drjit as dr
 import numpy as np
 
 from generator import check, files
-from generator.cases import CASES
+from generator.cases import CASES, TWO_SUNS
+from generator.light import Light
 from generator.render import Renderer, stock_view
 
 HERE = Path(__file__).resolve().parent
@@ -52,6 +54,8 @@ def parse_arguments():
     parser.add_argument("--self-test", action="store_true", help="compare small views with Mitsuba's own path integrator")
     options = parser.parse_args()
     options.out = options.out.resolve()
+    if options.out == HERE and (options.size or options.views or options.float or options.noise):
+        parser.error("--size, --views, --float and --noise make other sets than the committed ones: give --out a folder for them")
     return options
 
 
@@ -86,6 +90,8 @@ def make(case, options):
             files.write_capture(folder, case, electrons)
         files.write_readme(folder, case, figures, command(case, options), pixel_kind, options.noise)
         place = options.out / case.name
+        if place.exists() and not (place / "capture.toml").exists():
+            sys.exit(f"{place} is not a set of photographs: not replaced")
         if place.exists():
             shutil.rmtree(place)
         folder.rename(place)
@@ -139,9 +145,8 @@ def self_test():
         case = next(case for case in CASES if case.name == name).resized(size=(96, 8))
         light = case.light
         if light.has_smooth() or any(light.uniform):
-            # A few sources stand for the light: the integrator renders one at a time.
-            sources = CASES[2].light.sources
-            object.__setattr__(case, "light", type(light)(sources))
+            # Two suns instead: the integrator renders one source at a time.
+            case = replace(case, light=Light(TWO_SUNS.sources))
         ours = Renderer(case).view(20.0)
         stock = stock_view(case, 20.0, samples=1024)
         inside = np.abs(case.sine_of_exitance(np.arange(case.camera.width) + 0.5)) < np.sin(np.radians(80))

@@ -6,7 +6,7 @@ from .quadrature import reflected
 
 SPECTRUM_ORDER = 60
 FIELD_NORMALS, FIELD_LOCALS = 360, 90
-# A half-degree grid off the poles: at +-90 degrees the cosine is zero and rho is not defined.
+# Centres of 1-degree cells: at +-90 degrees the cosine is zero, and rho = eval / cosine is not defined.
 BRDF_NODES_DEG = np.arange(-89.5, 90.0, 1.0)
 # The sensor of sets with noise: the brightest pixel of the set is at 0.9 of the full well.
 FULL_WELL_E, READ_NOISE_E, FILL_FRACTION = 15000.0, 8.0, 0.9
@@ -14,8 +14,6 @@ SENSOR_WIDTH_MM = 23.5
 
 
 def toml(value):
-    if isinstance(value, bool):
-        return str(value).lower()
     if isinstance(value, str):
         return '"' + value + '"'
     if isinstance(value, (list, tuple)):
@@ -143,7 +141,7 @@ def write_csv(path, header, rows):
 
 
 def write_recipe(folder, case):
-    text = f"# Recovers the light of this set from its known BRDF.\nformat = 1\n" + 'recover = "lighting"\n\n'
+    text = '# Recovers the light of this set from its known BRDF.\nformat = 1\nrecover = "lighting"\n\n'
     text += table("brdf", {"table": "truth/brdf.csv"} if case.tabulated else case.material)
     text += f'\n[report]\ntitle = "{case.title[0].upper() + case.title[1:]}: the light"\n'
     (folder / "recipe.toml").write_text(text)

@@ -49,21 +49,21 @@ class Light:
             spectrum += phase[:, None] * np.array(source.irradiance)
         return spectrum
 
-    def directional(self, count=720):
-        """The light as directional emitters: angles (K,) in radians, irradiances (K, 3).
+    def emitters(self, count):
+        """The continuous part as directional emitters: angles (count,) from -pi, irradiances (count, 3).
 
-        720 emitters at 0.5 degrees stand for the continuous part to about 1e-5; the error is
-        that of the midpoint rule at the kink of the cosine at +-90 degrees.
+        Each stands for a step of 360/count degrees: the midpoint rule. At 720 its error, from the
+        kink of the cosine at +-90 degrees, is about 1e-5. Both arrays are empty if there is no such part.
         """
-        angles, irradiances = [], []
-        if np.any(self.continuous_coefficients()):
-            theta = -np.pi + np.arange(count) * 2 * np.pi / count
-            angles.append(theta)
-            irradiances.append(self.continuous(theta) * 2 * np.pi / count)
-        if self.sources:
-            angles.append(np.radians([s.theta_deg for s in self.sources]))
-            irradiances.append(np.array([s.irradiance for s in self.sources], float))
-        return np.concatenate(angles), np.concatenate(irradiances)
+        if not np.any(self.continuous_coefficients()):
+            return np.zeros(0), np.zeros((0, 3))
+        theta = -np.pi + np.arange(count) * 2 * np.pi / count
+        return theta, self.continuous(theta) * 2 * np.pi / count
+
+    def source_emitters(self):
+        """The sources as directional emitters: angles (K,), irradiances (K, 3)."""
+        irradiance = np.array([s.irradiance for s in self.sources], float).reshape(-1, 3)
+        return np.radians([s.theta_deg for s in self.sources]), irradiance
 
 
 def evaluate(coefficients, theta):

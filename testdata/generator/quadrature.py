@@ -8,7 +8,7 @@ import numpy as np
 
 from .material import rho
 
-NODES = 256
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(256)
 
 
 def reflected(material, light, alpha, theta_o):
@@ -17,9 +17,8 @@ def reflected(material, light, alpha, theta_o):
 
 
 def continuous_part(material, light, alpha, theta_o):
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    t = nodes * np.pi / 2
-    transfer = rho(material, t[None, :], theta_o[:, None]) * (weights * np.pi / 2 * np.cos(t))[None, :, None]
+    t = NODES * np.pi / 2
+    transfer = rho(material, t[None, :], theta_o[:, None]) * (WEIGHTS * np.pi / 2 * np.cos(t))[None, :, None]
     coefficients = light.continuous_coefficients()
     total = np.zeros(alpha.shape + (3,))
     for p, value in enumerate(coefficients):

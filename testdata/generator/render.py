@@ -15,6 +15,8 @@ FOOTPRINT = (8, 2)
 # The normal turns fast inside a pixel near the limb, and the outline itself is a step.
 LIMB_FOOTPRINT = (48, 2)
 LIMB_DEG = 70.0
+# Directional emitters that stand for the continuous part of the light.
+EMITTERS = 720
 
 
 class Phong(mi.BSDF):
@@ -129,10 +131,8 @@ class Renderer:
         self.case = case
         self.scene = mi.load_dict({"type": "scene", "shape": {**shape_description(case), "bsdf": bsdf_description(case.material)}})
         self.bsdf = self.scene.shapes()[0].bsdf()
-        angles, irradiances = case.light.directional()
-        self.count = len(angles)
-        self.toward = [mi.Float(np.cos(angles)), mi.Float(np.sin(angles))]
-        self.irradiance = [mi.Float(irradiances[:, c]) for c in range(3)]
+        self.continuous = Emitters(*case.light.emitters(EMITTERS))
+        self.sources = Emitters(*case.light.source_emitters())
 
     def view(self, orbit_deg):
         """One photograph: float64 (height, width, 3), radiance."""
@@ -159,19 +159,43 @@ class Renderer:
     def radiance(self, ray):
         """Reflected radiance along each ray, summed over all lights in double precision: (N, 3)."""
         si = self.scene.ray_intersect(ray)
-        valid = si.is_valid()
-        context = mi.BSDFContext()
+        total = [dr.zeros(mi.Float64, dr.width(si.t)) for _ in range(3)]
+        if self.continuous.count:
+            # Only the half circle above the surface, and one step more on each side for rounding.
+            step = 2 * np.pi / EMITTERS
+            normal = dr.atan2(si.sh_frame.n.y, si.sh_frame.n.x)
+            first = mi.Int32(dr.floor((normal + dr.pi / 2) / step)) - 1 + EMITTERS
+            total = self.add(si, total, self.continuous, mi.UInt32(first), EMITTERS // 2 + 3)
+        if self.sources.count:
+            total = self.add(si, total, self.sources, dr.zeros(mi.UInt32, dr.width(si.t)), self.sources.count)
+        return np.stack([np.array(channel) for channel in total], axis=-1)
 
-        def body(k, r, g, b):
-            toward = mi.Vector3f(dr.gather(mi.Float, self.toward[0], k), dr.gather(mi.Float, self.toward[1], k), 0.0)
-            value = self.bsdf.eval(context, si, si.to_local(toward), valid)
-            e = [dr.gather(mi.Float, values, k) for values in self.irradiance]
-            return k + 1, r + mi.Float64(value.x * e[0]), g + mi.Float64(value.y * e[1]), b + mi.Float64(value.z * e[2])
+    def add(self, si, total, emitters, first, count):
+        """Adds what `count` emitters from index `first` on (cyclic) send along each ray."""
+        context, valid = mi.BSDFContext(), si.is_valid()
 
-        lanes = dr.width(ray.o) if dr.width(ray.o) > 1 else dr.width(ray.d)
-        start = (dr.zeros(mi.UInt32, lanes), *(dr.zeros(mi.Float64, lanes) for _ in range(3)))
-        _, r, g, b = dr.while_loop(start, lambda k, r, g, b: k < self.count, body)
-        return np.stack([np.array(r), np.array(g), np.array(b)], axis=-1)
+        def body(step, r, g, b):
+            k = (first + step) % emitters.count
+            value = self.bsdf.eval(context, si, si.to_local(emitters.toward(k)), valid) * emitters.irradiance(k)
+            return step + 1, r + mi.Float64(value.x), g + mi.Float64(value.y), b + mi.Float64(value.z)
+
+        start = (dr.zeros(mi.UInt32, dr.width(si.t)), *total)
+        return dr.while_loop(start, lambda step, r, g, b: step < count, body)[1:]
+
+
+class Emitters:
+    """Directional emitters in the plane, indexed by Dr.Jit arrays."""
+
+    def __init__(self, angles, irradiances):
+        self.count = len(angles)
+        self.cosines, self.sines = mi.Float(np.cos(angles)), mi.Float(np.sin(angles))
+        self.irradiances = [mi.Float(irradiances[:, c]) for c in range(3)]
+
+    def toward(self, k):
+        return mi.Vector3f(dr.gather(mi.Float, self.cosines, k), dr.gather(mi.Float, self.sines, k), 0.0)
+
+    def irradiance(self, k):
+        return mi.Color3f(*(dr.gather(mi.Float, values, k) for values in self.irradiances))
 
 
 def limb_columns(case):
@@ -198,7 +222,7 @@ def stock_view(case, orbit_deg, samples):
     One emitter at a time: with several the integrator would choose among them at random.
     """
     total = 0.0
-    angles, irradiances = case.light.directional()
+    angles, irradiances = case.light.source_emitters()
     for angle, irradiance in zip(angles, irradiances):
         scene = mi.load_dict(
             {
