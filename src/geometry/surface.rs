@@ -150,6 +150,11 @@ impl ViewGeometry {
         &self.camera
     }
 
+    /// Whether the object is a sphere.
+    pub fn is_sphere(&self) -> bool {
+        self.shape == Shape::Sphere
+    }
+
     /// Radius used, metres: the description's times the pose's scale.
     pub fn radius(&self) -> f64 {
         self.radius

@@ -4,9 +4,13 @@ mod columns;
 mod field;
 mod file;
 mod gridding;
+mod line;
 mod samples;
 mod strip;
 
 pub use field::LightField;
 pub use file::{Part, encode};
-pub use samples::{Column, Samples};
+pub use gridding::grid;
+pub use line::{MeasuredLine, ViewSample, automatic_limb_cut};
+pub use samples::{Column, Samples, gather};
+pub use strip::Station;
