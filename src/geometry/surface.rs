@@ -260,6 +260,13 @@ impl ViewGeometry {
         self.trace(-side.sign() * FRAC_PI_2)
     }
 
+    /// Half the width of the cross-section in the image, pixels.
+    pub fn radius_px(&self) -> Option<f64> {
+        let [ul, vl] = self.limb(Side::Left)?.pixel;
+        let [ur, vr] = self.limb(Side::Right)?.pixel;
+        Some(0.5 * (ur - ul).hypot(vr - vl))
+    }
+
     /// Column at which the image row position `row` crosses the outline, pixels; `None` where it does
     /// not (above or below a sphere).
     pub fn limb_at_row(&self, row: f64, side: Side) -> Option<f64> {
