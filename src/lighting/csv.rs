@@ -1,7 +1,6 @@
 //! Lighting in files: the table `theta_deg,L_R,…,sigma_R,…` and the spectrum
 //! `channel,p,re,im,sigma,status`.
 
-use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
@@ -420,6 +419,8 @@ fn write_whole(file: &Path, text: &str) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::{PI, TAU};
+
     use super::*;
     use crate::angle::WorldAngle;
     use crate::fourier::Series;

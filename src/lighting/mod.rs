@@ -7,6 +7,7 @@
 
 mod csv;
 mod describe;
+pub mod environment;
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,7 +19,7 @@ use crate::fourier::{CircleTransform, Series};
 pub use csv::{
     LightingTable, SpectrumRow, Status, read_spectrum, read_table, write_spectrum, write_table,
 };
-pub use describe::{LightingDescription, SourceDescription};
+pub use describe::{EnvironmentDescription, LightingDescription, SourceDescription};
 
 /// A distant source: L = irradiance · δ(θ − `theta`).
 #[derive(Clone, Debug, PartialEq)]
