@@ -1,0 +1,137 @@
+//! A small kit of scientific plots as SVG: axes, curves with bands, images with a colour bar, polar.
+//!
+//! Colours come from the page's style sheet (classes), so that one drawing serves light, dark and
+//! paper. Every drawing exists in the sizes that its figure needs; text is never scaled far from the
+//! size it is meant for.
+
+mod cartesian;
+pub mod colour;
+mod heat_map;
+mod polar;
+pub mod scale;
+
+pub use cartesian::{Axis, Legend, Mark, Plot};
+pub use colour::{ColourMap, data_uri};
+pub use heat_map::HeatMap;
+pub use polar::Polar;
+pub use scale::{Scale, bounds, quantile};
+
+use std::fmt::Write as _;
+
+/// The drawing sizes, in the user units of the SVG (about CSS pixels).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Size {
+    /// Across the page.
+    Wide,
+    /// Across a phone.
+    Narrow,
+    /// Half the page, or a phone.
+    Half,
+}
+
+impl Size {
+    /// Width of the drawing.
+    pub fn width(self) -> f64 {
+        match self {
+            Self::Wide => 880.0,
+            Self::Narrow => 350.0,
+            Self::Half => 430.0,
+        }
+    }
+
+    /// Class of the `<svg>`, by which the page shows the one that fits.
+    pub fn class(self) -> &'static str {
+        match self {
+            Self::Wide => "wide",
+            Self::Narrow => "narrow",
+            Self::Half => "half",
+        }
+    }
+
+    /// Whether there is room for detail along x.
+    pub fn is_wide(self) -> bool {
+        self == Self::Wide
+    }
+}
+
+/// The class that colours and dashes a channel's curve: by name for red, green and blue, else by turn.
+pub fn series_class(name: &str, index: usize) -> &'static str {
+    const OTHERS: [&str; 6] = ["s-a", "s-b", "s-c", "s-d", "s-e", "s-f"];
+    match name {
+        "R" => "s-r",
+        "G" => "s-g",
+        "B" => "s-b3",
+        "Y" => "s-a",
+        _ => OTHERS[index % OTHERS.len()],
+    }
+}
+
+/// Text made safe inside markup and attributes.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            _ => out.push(c),
+        }
+    }
+    out
+}
+
+/// An `<svg>` of the given size around `body`, described for those who cannot see it.
+pub fn svg(size: Size, width: f64, height: f64, alt: &str, body: &str) -> String {
+    format!(
+        "<svg class=\"{}\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">{body}</svg>",
+        size.class(),
+        coordinate(width),
+        coordinate(height),
+        escape(alt)
+    )
+}
+
+/// A coordinate with a tenth of a unit; what is not finite is put far outside.
+pub fn coordinate(value: f64) -> String {
+    let value = if value.is_finite() {
+        value.clamp(-99_999.0, 99_999.0)
+    } else {
+        -99_999.0
+    };
+    let text = format!("{value:.1}");
+    let text = text.strip_suffix(".0").unwrap_or(&text);
+    if text == "-0" { "0" } else { text }.to_owned()
+}
+
+/// A `<text>` element; `anchor` is `start`, `middle` or `end`.
+pub fn text(x: f64, y: f64, anchor: &str, class: &str, content: &str) -> String {
+    format!(
+        "<text x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\" class=\"{class}\">{}</text>",
+        coordinate(x),
+        coordinate(y),
+        escape(content)
+    )
+}
+
+/// Points as the data of a path; points that are not finite break it.
+pub fn path_data(points: impl IntoIterator<Item = (f64, f64)>) -> String {
+    let mut out = String::new();
+    let mut pen_down = false;
+    for (x, y) in points {
+        if !x.is_finite() || !y.is_finite() {
+            pen_down = false;
+            continue;
+        }
+        let command = if pen_down { 'L' } else { 'M' };
+        let _ = write!(out, "{command}{} {}", coordinate(x), coordinate(y));
+        pen_down = true;
+    }
+    out
+}
+
+/// Width of a text of 13 units' height, roughly: enough to lay out legends.
+pub fn text_width(text: &str) -> f64 {
+    7.0 * text.chars().count() as f64
+}
