@@ -1,5 +1,12 @@
 //! What was shot: the description of a photo set, as resolved from `capture.toml`.
 
+mod file;
+mod path;
+mod table;
+#[cfg(test)]
+mod tests;
+mod to_toml;
+
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
