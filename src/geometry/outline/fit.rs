@@ -17,6 +17,28 @@ pub(super) struct Fitted {
     pub covariance: f64,
 }
 
+impl Fitted {
+    /// Adds what each side's limb is off as a whole (pixels; `None`: not seen) to the variances.
+    pub(super) fn add_model_error(
+        &mut self,
+        camera: &CameraModel,
+        object: &Object,
+        sides: [Option<f64>; 2],
+    ) {
+        let [left, right] = sides.map(|px| px.map(|px| (px * camera.metres_per_px()).powi(2)));
+        let (lateral, width) = match (left, right) {
+            (Some(l), Some(r)) => (0.25 * (l + r), 0.25 * (l + r)),
+            (one, other) => (one.or(other).unwrap_or(0.0), 0.0),
+        };
+        let pose = &mut self.pose;
+        pose.sigma_lateral = pose.sigma_lateral.hypot(lateral.sqrt());
+        pose.sigma_radius_scale = pose.sigma_radius_scale.hypot(width.sqrt() / object.radius);
+        if let (Some(l), Some(r)) = (left, right) {
+            self.covariance += 0.25 * (r - l) / object.radius;
+        }
+    }
+}
+
 /// Model error of a limb point that its own fit doesn't know of, pixels.
 const POINT_FLOOR: f64 = 0.01;
 

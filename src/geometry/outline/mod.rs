@@ -154,19 +154,21 @@ pub fn find(
         .collect();
     let lines = consensus::agree(&candidates, object.shape, reach);
     let mut limb = Vec::new();
+    let mut model_errors = [Vec::new(), Vec::new()];
     for ((strip, _), profile) in candidates.iter().zip(&profiles) {
         let line = match strip.side {
             Side::Left => lines[0],
             Side::Right => lines[1],
         };
         let Some(line) = line else { continue };
-        let found = edge::locate(strip, profile, line.depth(strip.row));
+        let found = edge::locate(strip, profile, line.depth(strip.row), radius_px);
         let Some(found) = found.filter(|e| e.contrast.abs() > LEAST_CONTRAST) else {
             continue;
         };
         let Some(predicted) = nominal.limb_at_row(strip.row, strip.side) else {
             continue;
         };
+        model_errors[usize::from(strip.side == Side::Right)].push(found.sigma_model);
         limb.push(LimbPoint {
             side: strip.side,
             row: strip.row,
@@ -180,9 +182,18 @@ pub fn find(
     } else {
         fit::fit(camera, object, Pose::nominal(), &limb)
     };
-    let Some(fitted) = fitted else {
+    let Some(mut fitted) = fitted else {
         return Ok(not_found(&nominal, object, radius_px, search));
     };
+    fitted.add_model_error(
+        camera,
+        object,
+        model_errors.map(|mut side| {
+            let middle = side.len() / 2;
+            side.sort_by(f64::total_cmp);
+            side.get(middle).copied()
+        }),
+    );
     let status = match seen {
         [true, true] => Status::Both,
         [true, false] => Status::Only(Side::Left),
