@@ -138,11 +138,12 @@ pub fn settle(outlines: &[Outline], capture: &Capture) -> Result<Settled> {
             limb_error = limb_error.max(beyond(true, 0.0));
         }
         jitter = beyond(false, limb_error);
-        // Cauchy weights: a view is trusted as little as its worst number.
+        // Cauchy weights, of the scale of one σ since a shadow's edge errs to one side only; a view is
+        // trusted as little as its worst number.
         trust.fill(1.0);
         for (o, miss) in observations.iter().zip(&misses) {
             let variance = o.kind.variance(o.variance, limb_error, jitter);
-            let weight = 1.0 / (1.0 + miss * miss / (4.0 * variance));
+            let weight = 1.0 / (1.0 + miss * miss / variance);
             trust[o.view] = f64::min(trust[o.view], weight);
         }
         if iteration > 5 && step.component_div(&setting.prior).norm() < 1e-9 {

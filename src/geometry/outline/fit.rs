@@ -13,8 +13,6 @@ pub(super) struct Fitted {
     pub pose: Pose,
     /// Standard deviation of `pose.offset[2]`, metres.
     pub sigma_vertical: f64,
-    /// Covariance of the lateral offset (metres) and the radius scale.
-    pub covariance: f64,
 }
 
 impl Fitted {
@@ -33,9 +31,6 @@ impl Fitted {
         let pose = &mut self.pose;
         pose.sigma_lateral = pose.sigma_lateral.hypot(lateral.sqrt());
         pose.sigma_radius_scale = pose.sigma_radius_scale.hypot(width.sqrt() / object.radius);
-        if let (Some(l), Some(r)) = (left, right) {
-            self.covariance += 0.25 * (r - l) / object.radius;
-        }
     }
 }
 
@@ -125,7 +120,6 @@ pub(super) fn fit(
             return pose.offset.iter().all(|v| v.is_finite()).then_some(Fitted {
                 pose,
                 sigma_vertical: sigma(1),
-                covariance: inverse[(0, 2)] * worse,
             });
         }
     }

@@ -81,8 +81,6 @@ pub struct Outline {
     pub pose: Pose,
     /// Standard deviation of the upward offset, metres.
     pub sigma_vertical: f64,
-    /// Covariance of the lateral offset (metres) and the radius scale.
-    pub covariance_lateral_scale: f64,
     /// The measured limb, for drawing; empty if given or not found.
     pub limb: Vec<LimbPoint>,
 }
@@ -248,7 +246,6 @@ pub fn given(outline: GivenOutline, camera: &CameraModel, object: &Object) -> Re
     let fitted = fit::Fitted {
         pose,
         sigma_vertical: sigma,
-        covariance: 0.0,
     };
     let result = assemble(Status::Given, fitted, camera, object, radius_px, Vec::new());
     if result.radius_px.is_finite() {
@@ -289,7 +286,6 @@ fn not_found(nominal: &ViewGeometry, object: &Object, radius_px: f64, search: Se
         predicted_radius_px: radius_px,
         pose,
         sigma_vertical: f64::INFINITY,
-        covariance_lateral_scale: 0.0,
         limb: Vec::new(),
     }
 }
@@ -312,7 +308,6 @@ fn assemble(
         predicted_radius_px,
         pose: fitted.pose,
         sigma_vertical: fitted.sigma_vertical,
-        covariance_lateral_scale: fitted.covariance,
         limb,
     }
 }

@@ -32,10 +32,6 @@ fn a_tilted_cylinder_is_found_over_a_tall_strip() {
         let mut scene = Scene::new(Shape::Cylinder, [960, 240]);
         scene.background = 0.3;
         let truth = seen_from(0.1, [0.0; 2], 0.001, tilt_deg.to_radians());
-        let photo = scene.photo(&truth, 0.1, 7);
-        let t = std::time::Instant::now();
-        find(&photo, &scene.model(), &scene.object, Search::default()).unwrap();
-        println!("TIME {:?}", t.elapsed());
         let found = look(&scene, &truth, 0.1);
         // 0.05 px over half of 240 rows.
         assert!(
