@@ -148,7 +148,7 @@ impl CameraModel {
     /// or so far off that the distortion's polynomial folds.
     pub fn project(&self, point: Vector3<f64>) -> Option<[f64; 2]> {
         let depth = self.distance - point.x;
-        if !(depth > 0.0) {
+        if depth.is_nan() || depth <= 0.0 {
             return None;
         }
         let across = Vector2::new(point.y, -point.z);

@@ -15,9 +15,9 @@ use crate::error::{Error, Result};
 use super::outline::{Outline, Status};
 use super::surface::Pose;
 
-/// Scale of the model error that all bands of one limb share (a surface whose brightness turns too fast near
-/// the limb), pixels.
-const LIMB_ERROR_PX: f64 = 0.04;
+/// Least model error that all bands of one limb share (a surface whose brightness turns too fast near the
+/// limb), pixels. More is read off the scatter of the widths, which no displacement changes.
+const LIMB_ERROR_PX: f64 = 0.03;
 /// A residual beyond this many σ is not of the same kind.
 const OUTLIER: f64 = 4.0;
 /// From this many σ on, a two-sided outline of the right width is a displaced object.
@@ -66,6 +66,18 @@ enum Of {
     Width,
 }
 
+impl Of {
+    /// Variance of an observation from that of its fit, that of the middle of two limbs by their model errors, and
+    /// that of the view's place.
+    fn variance(self, fit: f64, limb_error: f64, jitter: f64) -> f64 {
+        match self {
+            Self::Centre => fit + limb_error + jitter,
+            Self::Limb(_) => fit + 2.0 * limb_error + jitter,
+            Self::Width => fit + limb_error,
+        }
+    }
+}
+
 /// Unknowns: c, ox, oy, radius scale − 1.
 type Common = SVector<f64, 4>;
 
@@ -87,17 +99,19 @@ pub fn settle(outlines: &[Outline], capture: &Capture) -> Result<Settled> {
     let unsolvable = || {
         Error::failed("the poses of the views could not be settled: the outlines are degenerate")
     };
+    let widths = observations.iter().filter(|o| o.kind == Of::Width).count();
     let mut common = Common::zeros();
     let mut covariance = SMatrix::<f64, 4, 4>::zeros();
     let mut jitter = 0.0;
+    let mut limb_error = setting.limb_error;
     let mut trust = vec![1.0; outlines.len()];
     for iteration in 0..15 {
         let mut normal = SMatrix::<f64, 4, 4>::from_diagonal(&setting.prior.map(|s| s.powi(-2)));
         let mut right = -common.component_div(&setting.prior.component_mul(&setting.prior));
         for o in &observations {
             let (row, predicted) = setting.predict(o, &common);
-            let own = if o.kind == Of::Width { 0.0 } else { jitter };
-            let weight = trust[o.view] / (o.variance + own);
+            let variance = o.kind.variance(o.variance, limb_error, jitter);
+            let weight = trust[o.view] / variance;
             normal.ger(weight, &row, &row, 1.0);
             right += row * (weight * (o.value - predicted));
         }
@@ -108,18 +122,28 @@ pub fn settle(outlines: &[Outline], capture: &Capture) -> Result<Settled> {
             .iter()
             .map(|o| o.value - setting.predict(o, &common).1)
             .collect();
-        jitter = spread_beyond(
-            observations
-                .iter()
-                .zip(&misses)
-                .filter(|(o, _)| o.kind != Of::Width)
-                .map(|(o, miss)| (*miss, o.variance)),
-        );
-        // Cauchy weights: a view is trusted as little as its worst number.
+        let beyond = |width: bool, limb_error: f64| {
+            spread_beyond(
+                observations
+                    .iter()
+                    .zip(&misses)
+                    .filter(|(o, _)| (o.kind == Of::Width) == width)
+                    .map(|(o, miss)| (*miss, o.kind.variance(o.variance, limb_error, 0.0))),
+            )
+        };
+        // Errors of the two limbs move the middle as much as half the width; a displacement moves only
+        // the middle. Where few views show both limbs, those are the doubtful ones and say nothing of the rest.
+        limb_error = setting.limb_error;
+        if widths > observations.len() / 3 {
+            limb_error = limb_error.max(beyond(true, 0.0));
+        }
+        jitter = beyond(false, limb_error);
+        // Cauchy weights, of the scale of one σ since a shadow's edge errs to one side only; a view is
+        // trusted as little as its worst number.
         trust.fill(1.0);
         for (o, miss) in observations.iter().zip(&misses) {
-            let own = if o.kind == Of::Width { 0.0 } else { jitter };
-            let weight = 1.0 / (1.0 + miss * miss / (4.0 * (o.variance + own)));
+            let variance = o.kind.variance(o.variance, limb_error, jitter);
+            let weight = 1.0 / (1.0 + miss * miss / variance);
             trust[o.view] = f64::min(trust[o.view], weight);
         }
         if iteration > 5 && step.component_div(&setting.prior).norm() < 1e-9 {
@@ -137,24 +161,26 @@ pub fn settle(outlines: &[Outline], capture: &Capture) -> Result<Settled> {
     for o in &observations {
         let miss = o.value - setting.predict(o, &common).1;
         if o.kind == Of::Width {
-            width_ok[o.view] = miss * miss <= OUTLIER * OUTLIER * o.variance;
+            let variance = o.kind.variance(o.variance, limb_error, jitter);
+            width_ok[o.view] = miss * miss <= OUTLIER * OUTLIER * variance;
         }
     }
     for o in observations.iter().filter(|o| o.kind != Of::Width) {
         let (row, predicted) = setting.predict(o, &common);
         let miss = o.value - predicted;
         let model = (row.transpose() * covariance * row)[0];
-        let expected = miss * miss <= OUTLIER * OUTLIER * (o.variance + jitter + model);
+        let measured = o.kind.variance(o.variance, limb_error, 0.0);
+        let expected = miss * miss <= OUTLIER * OUTLIER * (measured + jitter + model);
         // Both limbs at the right distance from each other, and so far off that no bias of the limb
         // explains it: then it is the object, out of its place.
-        let moved = o.kind == Of::Centre && miss * miss > (BUMPED * BUMPED) * (o.variance + jitter);
+        let moved = o.kind == Of::Centre && miss * miss > (BUMPED * BUMPED) * (measured + jitter);
         if !width_ok[o.view] || !(expected || moved) {
             set_aside.push(o.view);
             continue;
         }
         let room = if expected { jitter } else { miss * miss };
-        let gain = room / (room + o.variance);
-        own[o.view] = (gain * miss, gain * o.variance);
+        let gain = room / (room + measured);
+        own[o.view] = (gain * miss, gain * measured);
     }
     let tilts = setting.harmonic(
         outlines.iter().map(|o| (o.pose.tilt, o.pose.sigma_tilt)),
@@ -249,7 +275,7 @@ impl Setting {
         let mut all = Vec::new();
         for (view, outline) in outlines.iter().enumerate() {
             let pose = &outline.pose;
-            let lateral = pose.sigma_lateral.powi(2) + self.limb_error;
+            let lateral = pose.sigma_lateral.powi(2);
             let mut add = |kind, value: f64, variance: f64| {
                 if value.is_finite() && variance.is_finite() && variance > 0.0 {
                     all.push(Observation {
@@ -267,7 +293,7 @@ impl Setting {
                     add(Of::Limb(side.sign()), limb, lateral);
                 }
                 Status::Both | Status::Given => {
-                    let width = self.limb_error + (self.limb * pose.sigma_radius_scale).powi(2);
+                    let width = (self.limb * pose.sigma_radius_scale).powi(2);
                     add(Of::Centre, pose.offset[1], lateral);
                     add(Of::Width, self.limb * pose.radius_scale, width);
                 }
@@ -356,15 +382,22 @@ impl Setting {
     }
 }
 
-/// Variance of residuals beyond that of their measurement, robustly: from the median deviation.
+/// Variance of residuals beyond that of their measurement, robustly: from the median deviation. Zero unless
+/// it shows by two standard errors, 2 · 1.65 / √n of the variance for a variance from n median deviations.
 fn spread_beyond(misses: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (deviations, variances): (Vec<f64>, Vec<f64>) = misses
         .map(|(miss, variance)| (miss.abs(), variance))
         .unzip();
+    let count = deviations.len() as f64;
     let (Some(deviation), Some(variance)) = (median(deviations), median(variances)) else {
         return 0.0;
     };
-    ((1.4826 * deviation).powi(2) - variance).max(0.0)
+    let total = (1.4826 * deviation).powi(2);
+    if total > variance * (1.0 + 3.3 / count.sqrt()) {
+        total - variance
+    } else {
+        0.0
+    }
 }
 
 fn median(values: Vec<f64>) -> Option<f64> {

@@ -170,7 +170,7 @@ impl ViewGeometry {
         match self.shape {
             Shape::Cylinder => {
                 let sine = self.sin_local_of(&ray);
-                if !(sine.abs() <= 1.0) {
+                if sine.is_nan() || sine.abs() > 1.0 {
                     return None;
                 }
                 let local = sine.asin();
@@ -187,7 +187,7 @@ impl ViewGeometry {
                 let along = from_centre.dot(&ray.direction);
                 let inside = along * along
                     - squared * (from_centre.norm_squared() - self.radius * self.radius);
-                if !(inside >= 0.0) {
+                if inside.is_nan() || inside < 0.0 {
                     return None;
                 }
                 let depth = (-along - inside.sqrt()) / squared;
@@ -243,7 +243,7 @@ impl ViewGeometry {
     }
 
     fn alpha_at(&self, local: f64) -> Option<f64> {
-        if !(local.abs() <= FRAC_PI_2) {
+        if local.is_nan() || local.abs() > FRAC_PI_2 {
             return None;
         }
         if self.camera.is_orthographic() {

@@ -159,7 +159,10 @@ fn steepest(profile: &Profile) -> Vec<usize> {
 pub(super) struct Edge {
     /// Depth inside the predicted limb, pixels.
     pub depth: f64,
+    /// Standard deviation from noise, which averages over rows.
     pub sigma: f64,
+    /// Standard deviation from the model's own error, which is the same in all rows.
+    pub sigma_model: f64,
     /// Brightness just inside minus background, in its own standard deviations.
     pub contrast: f64,
 }
@@ -172,11 +175,12 @@ struct Sample {
 
 /// Gauss–Newton on (edge, background, l₀ … l₃) over all pixels of the strip's lines about `start`, with
 /// Huber weights against dust.
-pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64) -> Option<Edge> {
+pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64, radius_px: f64) -> Option<Edge> {
+    let inside = (0.03 * radius_px).clamp(6.0, INSIDE as f64);
     let mut samples = Vec::new();
     for line in &strip.lines {
         let from = (start - OUTSIDE as f64 - line.first).ceil().max(0.0) as usize;
-        let to = (start + INSIDE as f64 - line.first).floor().max(0.0) as usize;
+        let to = (start + inside - line.first).floor().max(0.0) as usize;
         for k in from..(to + 1).min(line.value.len()) {
             if line.variance[k].is_finite() {
                 samples.push(Sample {
@@ -190,18 +194,22 @@ pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64) -> Option<Edg
     if samples.len() < 12 {
         return None;
     }
-    let (low, high) = profile.range(start - OUTSIDE as f64, start + INSIDE as f64)?;
+    let (low, high) = profile.range(start - OUTSIDE as f64, start + inside)?;
     let floor = (0.3 * MODEL_ERROR * (high - low)).powi(2);
+    let mut systematic = 0.0;
     for s in &mut samples {
         s.weight = 1.0 / (s.weight.max(profile.pixel_variance) + floor);
+        systematic += floor * s.weight;
         if !s.weight.is_finite() {
             return None;
         }
     }
 
+    // Of the fit's variance, the share of the model's error does not shrink with the number of rows.
+    let systematic = systematic / samples.len() as f64 * strip.lines.len() as f64;
     // How much of the contrast each power of √x may carry at the window's end; it matters only where noise
     // would otherwise trade them against each other and against the edge.
-    let span = INSIDE as f64;
+    let span = inside;
     let bound = |power: i32, share: f64| (span.sqrt().powi(power) / (share * (high - low))).powi(2);
     let prior = SVector::<f64, 6>::new(0.0, 0.0, 0.0, bound(1, 1.0), bound(2, 1.0), bound(3, 0.5));
 
@@ -263,6 +271,7 @@ pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64) -> Option<Edg
     (sigma.is_finite() && (edge - start).abs() < 3.0).then_some(Edge {
         depth: edge,
         sigma,
+        sigma_model: sigma * systematic.sqrt(),
         contrast,
     })
 }

@@ -13,8 +13,25 @@ pub(super) struct Fitted {
     pub pose: Pose,
     /// Standard deviation of `pose.offset[2]`, metres.
     pub sigma_vertical: f64,
-    /// Covariance of the lateral offset (metres) and the radius scale.
-    pub covariance: f64,
+}
+
+impl Fitted {
+    /// Adds what each side's limb is off as a whole (pixels; `None`: not seen) to the variances.
+    pub(super) fn add_model_error(
+        &mut self,
+        camera: &CameraModel,
+        object: &Object,
+        sides: [Option<f64>; 2],
+    ) {
+        let [left, right] = sides.map(|px| px.map(|px| (px * camera.metres_per_px()).powi(2)));
+        let (lateral, width) = match (left, right) {
+            (Some(l), Some(r)) => (0.25 * (l + r), 0.25 * (l + r)),
+            (one, other) => (one.or(other).unwrap_or(0.0), 0.0),
+        };
+        let pose = &mut self.pose;
+        pose.sigma_lateral = pose.sigma_lateral.hypot(lateral.sqrt());
+        pose.sigma_radius_scale = pose.sigma_radius_scale.hypot(width.sqrt() / object.radius);
+    }
 }
 
 /// Model error of a limb point that its own fit doesn't know of, pixels.
@@ -103,7 +120,6 @@ pub(super) fn fit(
             return pose.offset.iter().all(|v| v.is_finite()).then_some(Fitted {
                 pose,
                 sigma_vertical: sigma(1),
-                covariance: inverse[(0, 2)] * worse,
             });
         }
     }

@@ -81,8 +81,6 @@ pub struct Outline {
     pub pose: Pose,
     /// Standard deviation of the upward offset, metres.
     pub sigma_vertical: f64,
-    /// Covariance of the lateral offset (metres) and the radius scale.
-    pub covariance_lateral_scale: f64,
     /// The measured limb, for drawing; empty if given or not found.
     pub limb: Vec<LimbPoint>,
 }
@@ -154,19 +152,21 @@ pub fn find(
         .collect();
     let lines = consensus::agree(&candidates, object.shape, reach);
     let mut limb = Vec::new();
+    let mut model_errors = [Vec::new(), Vec::new()];
     for ((strip, _), profile) in candidates.iter().zip(&profiles) {
         let line = match strip.side {
             Side::Left => lines[0],
             Side::Right => lines[1],
         };
         let Some(line) = line else { continue };
-        let found = edge::locate(strip, profile, line.depth(strip.row));
+        let found = edge::locate(strip, profile, line.depth(strip.row), radius_px);
         let Some(found) = found.filter(|e| e.contrast.abs() > LEAST_CONTRAST) else {
             continue;
         };
         let Some(predicted) = nominal.limb_at_row(strip.row, strip.side) else {
             continue;
         };
+        model_errors[usize::from(strip.side == Side::Right)].push(found.sigma_model);
         limb.push(LimbPoint {
             side: strip.side,
             row: strip.row,
@@ -180,9 +180,18 @@ pub fn find(
     } else {
         fit::fit(camera, object, Pose::nominal(), &limb)
     };
-    let Some(fitted) = fitted else {
+    let Some(mut fitted) = fitted else {
         return Ok(not_found(&nominal, object, radius_px, search));
     };
+    fitted.add_model_error(
+        camera,
+        object,
+        model_errors.map(|mut side| {
+            let middle = side.len() / 2;
+            side.sort_by(f64::total_cmp);
+            side.get(middle).copied()
+        }),
+    );
     let status = match seen {
         [true, true] => Status::Both,
         [true, false] => Status::Only(Side::Left),
@@ -237,7 +246,6 @@ pub fn given(outline: GivenOutline, camera: &CameraModel, object: &Object) -> Re
     let fitted = fit::Fitted {
         pose,
         sigma_vertical: sigma,
-        covariance: 0.0,
     };
     let result = assemble(Status::Given, fitted, camera, object, radius_px, Vec::new());
     if result.radius_px.is_finite() {
@@ -278,7 +286,6 @@ fn not_found(nominal: &ViewGeometry, object: &Object, radius_px: f64, search: Se
         predicted_radius_px: radius_px,
         pose,
         sigma_vertical: f64::INFINITY,
-        covariance_lateral_scale: 0.0,
         limb: Vec::new(),
     }
 }
@@ -301,7 +308,6 @@ fn assemble(
         predicted_radius_px,
         pose: fitted.pose,
         sigma_vertical: fitted.sigma_vertical,
-        covariance_lateral_scale: fitted.covariance,
         limb,
     }
 }
