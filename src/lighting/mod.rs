@@ -18,6 +18,7 @@ use crate::fourier::{CircleTransform, Series};
 
 pub use csv::{
     LightingTable, SpectrumRow, Status, read_spectrum, read_table, write_spectrum, write_table,
+    write_values,
 };
 pub use describe::{EnvironmentDescription, LightingDescription, SourceDescription};
 

@@ -2,6 +2,5 @@
 
 pub mod lighting;
 pub mod normal;
-mod status;
 
-pub use status::Status;
+pub use crate::lighting::Status;

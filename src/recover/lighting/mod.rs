@@ -22,10 +22,11 @@ use faer::Mat;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
+use crate::angle::{NormalAngle, WorldAngle};
 use crate::brdf::{Brdf, Material, transfer_row};
 use crate::error::{Error, Result};
-use crate::fourier::Series;
-use crate::light_field::Samples;
+use crate::fourier::{CircleTransform, Series};
+use crate::light_field::{Column, Samples};
 use crate::recover::Status;
 use crate::recover::normal::{NormalSystem, position, to_series};
 
@@ -365,4 +366,69 @@ fn constrained(posterior: &Posterior, order: usize, sources: usize) -> Vec<f64> 
         }
     });
     positivity::constrain(&posterior.mean, &posterior.covariance, &constraints)
+}
+
+/// B that the estimate predicts for every sample that is not missing, \[channel\]\[column\]\[n\]; 0 for
+/// the others.
+pub fn predict(
+    estimate: &LightingEstimate,
+    material: &Material,
+    samples: &Samples,
+) -> Vec<Vec<Vec<f64>>> {
+    let predict_column = |c: usize, column: &Column| -> Vec<f64> {
+        let (channel, brdf) = (&estimate.channels[c], material.brdfs[c].as_ref());
+        let seen = |i: usize| column.variance[c][i].is_finite();
+        let n = column.alpha.len();
+        if !(0..n).any(seen) {
+            return vec![0.0; n];
+        }
+        let row = transfer_row(brdf, column.local, channel.smooth.order());
+        let reflected = Series {
+            coefficients: row
+                .iter()
+                .zip(&channel.smooth.coefficients)
+                .map(|(h, l)| h * l)
+                .collect(),
+        };
+        let on_circle = column
+            .regular()
+            .map(|n| CircleTransform::new(n, column.alpha[0]).synthesise(&reflected));
+        (0..n)
+            .map(|i| {
+                if !seen(i) {
+                    return 0.0;
+                }
+                let smooth = match &on_circle {
+                    Some(values) => values[i],
+                    None => reflected.evaluate(column.alpha[i]),
+                };
+                let sources: f64 = estimate
+                    .sources
+                    .iter()
+                    .zip(&channel.irradiance)
+                    .map(|(source, e)| {
+                        let normal = NormalAngle::radians(column.alpha[i]);
+                        let incident = WorldAngle::degrees(source.theta_deg) - normal;
+                        let cosine = incident.visible_cosine();
+                        if cosine > 0.0 {
+                            e * cosine * brdf.value(incident, column.local)
+                        } else {
+                            0.0
+                        }
+                    })
+                    .sum();
+                smooth + sources
+            })
+            .collect()
+    };
+    (0..estimate.channels.len())
+        .into_par_iter()
+        .map(|c| {
+            samples
+                .columns
+                .par_iter()
+                .map(|column| predict_column(c, column))
+                .collect()
+        })
+        .collect()
 }
