@@ -1,7 +1,7 @@
 //! The methods in words, with the equations.
 
 use super::equation::{display, inline};
-use super::number::short;
+use super::number::trimmed;
 use super::settings::{switch_at, text_at};
 use crate::error::Result;
 use crate::pipeline::Run;
@@ -40,7 +40,7 @@ pub fn methods(run: &Run) -> Result<Vec<Passage>> {
             inline(r"B(\alpha, \theta_o')")?,
             inline(r"\alpha")?,
             inline(r"\theta_o' = \theta_o - \alpha")?,
-            format_args!("±{}°", short(run.limb_cut.to_degrees(), 3)),
+            format_args!("±{}°", trimmed(run.limb_cut.to_degrees(), 3)),
         )),
         equation(
             r"B(\alpha, \theta_o') = \int_{-\pi/2}^{\pi/2} L(\alpha + \theta_i') \, \hat\rho(\theta_i', \theta_o') \, \mathrm{d}\theta_i' , \qquad \hat\rho = \rho \cos\theta_i'",

@@ -70,11 +70,11 @@ pub fn page(run: &Run) -> Result<String> {
     let mut lighting = Vec::new();
     lighting.extend(figure::lighting_curve(run));
     lighting.extend(figure::lighting_polar(run));
-    lighting.extend(figure::regularisation(run));
     lighting.extend(figure::lighting_spectrum(run));
     let mut fit = Vec::new();
     fit.extend(figure::residual_image(run)?);
     fit.extend(figure::residual_histogram(run));
+    fit.extend(figure::regularisation(run));
     let sections = [
         ("lighting-section", "Lighting", lighting),
         ("object-section", "Object and photographs", object),

@@ -23,6 +23,26 @@ pub fn short(value: f64, digits: usize) -> String {
     }
 }
 
+/// As [`short`], without zeros at the end: for round values such as settings and ticks.
+pub fn trimmed(value: f64, digits: usize) -> String {
+    let zeros_off = |text: &str| -> String {
+        if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        } else {
+            text.to_owned()
+        }
+    };
+    let text = short(value, digits);
+    match text.split_once(" × ") {
+        Some(("1", power)) => power.to_owned(),
+        Some((mantissa, power)) => match zeros_off(mantissa).as_str() {
+            "1" => power.to_owned(),
+            mantissa => format!("{mantissa} × {power}"),
+        },
+        None => zeros_off(&text),
+    }
+}
+
 /// `value ± sigma`, both cut at the second significant digit of `sigma`.
 ///
 /// Without a usable `sigma` (zero, infinite, not a number) only the value is written.
@@ -78,10 +98,7 @@ pub fn percent(share: f64) -> String {
 
 /// 10ⁿ as text, for axes.
 pub fn power_of_ten(exponent: i32) -> String {
-    match exponent {
-        -2..=3 => short(10f64.powi(exponent), 1),
-        _ => format!("10{}", superscript(exponent)),
-    }
+    format!("10{}", superscript(exponent))
 }
 
 /// Whole numbers with thin spaces between groups of three digits.
@@ -158,6 +175,9 @@ mod tests {
         assert_eq!(percent(0.00293), "0.293 %");
         assert_eq!(count(1234567), "1\u{202f}234\u{202f}567");
         assert_eq!(power_of_ten(-5), "10⁻⁵");
-        assert_eq!(power_of_ten(2), "100");
+        assert_eq!(trimmed(1e-4, 3), "10⁻⁴");
+        assert_eq!(trimmed(2.5e-5, 3), "2.5 × 10⁻⁵");
+        assert_eq!(trimmed(80.0, 3), "80");
+        assert_eq!(trimmed(0.5, 3), "0.5");
     }
 }

@@ -3,7 +3,7 @@
 use super::{FULL, Figure, Panel, cell_image, cell_table, light_field_axes};
 use crate::error::Result;
 use crate::pipeline::Run;
-use crate::report::number::{percent, short};
+use crate::report::number::{percent, trimmed};
 use crate::report::plot::{ColourMap, HeatMap, Scale, bounds};
 
 /// Number of pixels behind each cell; a panel per channel only where the channels differ.
@@ -51,6 +51,7 @@ pub fn coverage(run: &Run) -> Result<Figure> {
             map: ColourMap::Cividis,
             label: "pixels per cell".to_owned(),
             height: 200.0,
+            sigma: None,
         };
         panels.push(Panel {
             name,
@@ -64,14 +65,14 @@ pub fn coverage(run: &Run) -> Result<Figure> {
         id: "coverage",
         title: "Coverage",
         caption: format!(
-            "Pixels behind each of the {} × {} cells ({}° in α, {}° in θo′). {} views, each one a falling diagonal; within |θo′| ≤ {}° they fill {} of the cells. \
+            "Pixels behind each of the {} × {} cells ({}° in α, {}° in θ_[o]′). {} views, each one a falling diagonal; within |θ_[o]′| ≤ {}° they fill {} of the cells. \
              {} evenly spread views resolve frequencies |p| < {} of the light field in α.",
             grid.normals,
             grid.locals,
-            short(grid.normal_step().to_degrees(), 2),
-            short(grid.local_step().to_degrees(), 2),
+            trimmed(grid.normal_step().to_degrees(), 3),
+            trimmed(grid.local_step().to_degrees(), 3),
             run.views.len(),
-            short(run.limb_cut.to_degrees(), 3),
+            trimmed(run.limb_cut.to_degrees(), 3),
             percent(field.coverage(0, run.limb_cut)),
             run.views.len(),
             run.views.len().div_ceil(2)

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::error::Result;
 use crate::pipeline::Run;
-use crate::report::number::{percent, short};
+use crate::report::number::{short, trimmed};
 use crate::report::plot::{ColourMap, HeatMap, Scale, quantile};
 
 /// B(α, θo′), a panel per channel.
@@ -52,6 +52,12 @@ pub fn light_field(run: &Run) -> Result<Figure> {
             map: ColourMap::Viridis,
             label: format!("B / {}", run.radiance_unit),
             height: 300.0,
+            sigma: Some(
+                cell_image(field, channel, run.limb_cut, 24, |k| {
+                    f64::from(field.sigma[channel][k])
+                })
+                .values,
+            ),
         };
         panels.push(Panel {
             name: name.clone(),
@@ -66,11 +72,10 @@ pub fn light_field(run: &Run) -> Result<Figure> {
         id: "light-field",
         title: "Measured light field",
         caption: format!(
-            "B(α, θo′): the radiance that leaves the surface point with normal α in the direction θo′ from that normal. \
-             One photograph is one falling diagonal; a highlight of a source at θs lies along θo′ = α − θs. \
-             Hatched: not seen in the {} of the plane within the limb cut of ±{}° that the photographs leave open, or beyond that cut.{note}{merge}{}",
-            percent(1.0 - field.coverage(0, run.limb_cut)),
-            short(run.limb_cut.to_degrees(), 3),
+            "B(α, θ_[o]′): the radiance that leaves the surface point with normal α in the direction θ_[o]′ from that normal. \
+             One photograph is one falling diagonal; a highlight of a source at θ_[s] lies along θ_[o]′ = α − θ_[s]. \
+             Hatched: beyond the limb cut of ±{}°, or never seen.{note}{merge}{}",
+            trimmed(run.limb_cut.to_degrees(), 3),
             channel_note(field.channels.len())
         ),
         panels,
@@ -116,6 +121,7 @@ pub fn sigma(run: &Run) -> Result<Figure> {
             map: ColourMap::Cividis,
             label: format!("σ / {}", run.radiance_unit),
             height: 220.0,
+            sigma: None,
         };
         panels.push(Panel {
             name: name.clone(),

@@ -3,7 +3,7 @@
 use super::lighting_curve::{SIGMAS_95, shown_range, table_angle};
 use super::{Figure, Panel, lighting_unit};
 use crate::pipeline::Run;
-use crate::report::number::short;
+use crate::report::number::trimmed;
 use crate::report::plot::{Polar, Scale, Size, series_class};
 use crate::report::table::{Cell, Table};
 
@@ -17,7 +17,7 @@ pub fn lighting_polar(run: &Run) -> Option<Figure> {
         polar.ray(
             source.theta_deg.to_radians(),
             "source",
-            &format!("{}°", short(source.theta_deg, 4)),
+            &format!("{}°", trimmed(source.theta_deg, 4)),
         );
     }
     for (c, channel) in lighting.channels.iter().enumerate() {

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::{FULL, Figure, Panel, lighting_unit};
 use crate::pipeline::Run;
 use crate::recover::Status;
-use crate::recover::lighting::ChannelEstimate;
+use crate::recover::lighting::{ChannelEstimate, LightingEstimate};
 use crate::report::plot::{Axis, Legend, Mark, Plot, Scale, Size};
 use crate::report::table::{Cell, Table};
 
@@ -20,15 +20,10 @@ fn mark(status: Status) -> (Mark, &'static str) {
 /// |L_p| with σ, the bound, and the status by the form of the mark; a panel per channel.
 pub fn lighting_spectrum(run: &Run) -> Option<Figure> {
     let lighting = run.lighting.as_ref()?;
-    let panels = lighting
-        .channels
-        .iter()
-        .filter(|c| !c.spectrum.is_empty())
-        .map(|channel| Panel {
-            name: channel.name.clone(),
-            markup: FULL.map(|size| draw(run, channel, size)).concat(),
-        })
-        .collect::<Vec<_>>();
+    // Few frequencies stand well beside the polar plot, many need the whole width.
+    let longest = lighting.channels.iter().map(|c| c.spectrum.len()).max()?;
+    let wide = longest > 45;
+    let panels = panels(run, lighting, wide);
     if panels.is_empty() {
         return None;
     }
@@ -52,7 +47,7 @@ pub fn lighting_spectrum(run: &Run) -> Option<Figure> {
     Some(Figure {
         id: "lighting-spectrum",
         title: "Frequencies of the lighting",
-        caption: "|L_p| with one standard deviation. Discs: determined by the data alone. Rings: weak, the prior has a part in them. \
+        caption: "|L_[p]| with one standard deviation. Discs: determined by the data alone. Rings: weak, the prior has a part in them. \
                   Crosses: indeterminate, the photographs say nothing about them. Dotted: the Cramér–Rao bound of σ without a prior; \
                   no unbiased method can do better with these photographs."
             .to_owned(),
@@ -64,8 +59,21 @@ pub fn lighting_spectrum(run: &Run) -> Option<Figure> {
             rows,
             note: "The file lighting_spectrum.csv has the values at full precision.".to_owned(),
         },
-        wide: true,
+        wide,
     })
+}
+
+fn panels(run: &Run, lighting: &LightingEstimate, wide: bool) -> Vec<Panel> {
+    let sizes: &[Size] = if wide { &FULL } else { &[Size::Half] };
+    lighting
+        .channels
+        .iter()
+        .filter(|c| !c.spectrum.is_empty())
+        .map(|channel| Panel {
+            name: channel.name.clone(),
+            markup: sizes.iter().map(|&size| draw(run, channel, size)).collect(),
+        })
+        .collect()
 }
 
 fn draw(run: &Run, channel: &ChannelEstimate, size: Size) -> String {
@@ -85,12 +93,13 @@ fn draw(run: &Run, channel: &ChannelEstimate, size: Size) -> String {
     let mut plot = Plot::new(
         size,
         260.0,
-        Axis::new(
+        Axis::whole(
             "frequency p",
-            Scale::linear(-0.5, last as f64 + 0.5),
+            -0.5,
+            last as f64 + 0.5,
             if size.is_wide() { 12 } else { 6 },
         ),
-        Axis::new(format!("|L_p| / {}", lighting_unit(run)), y, 6),
+        Axis::new(format!("|L_[p]| / {}", lighting_unit(run)), y, 6),
     )
     .with_legend(vec![
         entry("s-determined", Mark::Disc, "determined"),

@@ -25,7 +25,7 @@ pub use residual::{residual_histogram, residual_image};
 pub use setup::setup;
 pub use spectrum::{coefficient_image, magnitudes};
 
-use super::plot::{Axis, Size};
+use super::plot::{Axis, Size, html_text};
 use super::table::{Cell, Table};
 use crate::light_field::LightField;
 use crate::pipeline::Run;
@@ -45,6 +45,17 @@ pub struct Figure {
     pub table: Table,
     /// Whether it takes the whole width of the page.
     pub wide: bool,
+}
+
+impl Figure {
+    /// Title and caption as markup.
+    pub fn caption_markup(&self) -> String {
+        format!(
+            "<strong>{}.</strong> {}",
+            html_text(self.title),
+            html_text(&self.caption)
+        )
+    }
 }
 
 /// One drawing of a figure.
@@ -103,7 +114,7 @@ pub fn irradiance_unit(run: &Run) -> &'static str {
 fn light_field_axes(size_step: f64) -> (Axis, Axis) {
     (
         Axis::degrees("normal direction α / degrees", -180.0, 180.0, size_step),
-        Axis::degrees("exitant direction θo′ / degrees", -90.0, 90.0, 30.0),
+        Axis::degrees("exitant direction θ_[o]′ / degrees", -90.0, 90.0, 30.0),
     )
 }
 
@@ -192,7 +203,7 @@ fn merge_note(image: &CellImage, field: &LightField) -> String {
         format!(
             " For the eye {} neighbouring cells in α share one pixel ({}°); the numbers use every sample where it was measured.",
             image.merged,
-            super::number::short(360.0 / field.grid.normals as f64 * image.merged as f64, 2)
+            super::number::trimmed(360.0 / field.grid.normals as f64 * image.merged as f64, 2)
         )
     } else {
         String::new()

@@ -17,12 +17,14 @@ const SHOWN: usize = 6;
 /// # Errors
 /// If a preview's pixels do not fit its size, or it cannot be encoded.
 pub fn photos(run: &Run) -> Result<Option<Figure>> {
-    let mut markup = String::from("<div class=\"photos\">");
     let usable: Vec<&Preview> = run
         .previews
         .iter()
         .filter(|p| p.size[0] > 0 && p.size[1] > 0)
         .collect();
+    // Strips lie one above the other, taller photos two in a row.
+    let tall = usable.iter().any(|p| p.size[0] < 2 * p.size[1]);
+    let mut markup = format!("<div class=\"photos{}\">", if tall { " tall" } else { "" });
     let step = usable.len().div_ceil(SHOWN).max(1);
     for preview in usable.iter().step_by(step) {
         let view = run.views.get(preview.view);
@@ -48,7 +50,7 @@ pub fn photos(run: &Run) -> Result<Option<Figure>> {
             markup,
         }],
         table: table(run),
-        wide: true,
+        wide: false,
     }))
 }
 

@@ -3,7 +3,7 @@
 use super::{Figure, Panel};
 use crate::pipeline::Run;
 use crate::recover::lighting::RegularisationChoice;
-use crate::report::number::short;
+use crate::report::number::trimmed;
 use crate::report::plot::{Axis, Plot, Scale, Size, bounds, series_class};
 use crate::report::table::{Cell, Table};
 
@@ -18,7 +18,7 @@ pub fn regularisation(run: &Run) -> Option<Figure> {
         if choice.curve.len() < 2 {
             continue;
         }
-        chosen.push(format!("{} {}", channel.name, short(choice.strength, 3)));
+        chosen.push(format!("{} {}", channel.name, trimmed(choice.strength, 3)));
         panels.push(Panel {
             name: channel.name.clone(),
             markup: draw(choice, &channel.name, series_class(&channel.name, c)),
@@ -82,7 +82,7 @@ fn draw(choice: &RegularisationChoice, name: &str, class: &str) -> String {
         &format!(
             "Criterion {} against the strength of the regularisation for channel {name}; the chosen strength is {}.",
             choice.criterion,
-            short(choice.strength, 3)
+            trimmed(choice.strength, 3)
         ),
         "data-curve=\"strength\"",
     )

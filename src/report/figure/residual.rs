@@ -46,6 +46,7 @@ pub fn residual_image(run: &Run) -> Result<Option<Figure>> {
             map: ColourMap::Vik,
             label: format!("residual / {}", run.radiance_unit),
             height: 220.0,
+            sigma: None,
         };
         panels.push(Panel {
             name: name.clone(),

@@ -5,9 +5,9 @@ use std::fmt::Write as _;
 use super::lighting_curve::{shown_range, table_angle};
 use super::{Figure, Panel};
 use crate::pipeline::Run;
-use crate::report::number::{fixed, short};
+use crate::report::number::{fixed, trimmed};
 use crate::report::plot::{Size, coordinate, path_data, svg, text};
-use crate::report::settings::number_at;
+use crate::report::settings::{number_at, text_at};
 use crate::report::table::{Cell, Table};
 
 /// Radii in the drawing: object, cameras, where the light starts and how far it reaches.
@@ -93,17 +93,17 @@ pub fn setup(run: &Run) -> Figure {
             &format!("{}°", fixed(f64::from(degrees), 0)),
         );
     }
-    let shape = super::super::settings::text_at(&run.capture_toml, &["object", "shape"])
-        .unwrap_or_else(|| "object".to_owned());
+    let shape =
+        text_at(&run.capture_toml, &["object", "shape"]).unwrap_or_else(|| "object".to_owned());
     let radius = number_at(&run.capture_toml, &["object", "radius"]);
     let distance = number_at(&run.capture_toml, &["camera", "distance"]);
     let mut size = format!("The {shape}'s cross-section");
     if let Some(radius) = radius {
-        size += &format!(" (radius {} mm)", short(radius * 1e3, 4));
+        size += &format!(" (radius {} mm)", trimmed(radius * 1e3, 4));
     }
     size += &format!(" and {} camera positions", run.views.len());
     if let Some(distance) = distance {
-        size += &format!(" at {} m", short(distance, 4));
+        size += &format!(" at {} m", trimmed(distance, 4));
     }
     let light = match &run.lighting {
         Some(estimate) if estimate.sources.is_empty() => {

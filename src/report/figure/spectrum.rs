@@ -34,17 +34,12 @@ pub fn magnitudes(run: &Run) -> Option<Figure> {
         mark: Mark::Line,
         label: "noise floor".to_owned(),
     });
-    let draw = |size: Size| {
-        let count = if size.is_wide() { 12 } else { 6 };
+    let draw = || {
         let mut plot = Plot::new(
-            size,
-            260.0,
-            Axis::new(
-                "frequency p",
-                Scale::linear(0.0, (last - 1).max(1) as f64),
-                count,
-            ),
-            Axis::new(format!("rms |B_p| / {}", run.radiance_unit), y, 6),
+            Size::Half,
+            300.0,
+            Axis::whole("frequency p", 0.0, (last - 1).max(1) as f64, 7),
+            Axis::new(format!("rms |B_[p]| / {}", run.radiance_unit), y, 6),
         )
         .with_legend(legend.clone());
         for (c, s) in run.spectrum.iter().enumerate() {
@@ -78,19 +73,19 @@ pub fn magnitudes(run: &Run) -> Option<Figure> {
     Some(Figure {
         id: "spectrum",
         title: "Spectrum of the light field",
-        caption: "Root mean square over θo′ of |B_p(θo′)|, and (dotted) the value that noise alone would give. \
+        caption: "Root mean square over θ_[o]′ of |B_[p](θ_[o]′)|, and (dotted) the value that noise alone would give. \
                   What lies on the floor says nothing about light or material."
             .to_owned(),
         panels: vec![Panel {
             name: String::new(),
-            markup: [Size::Wide, Size::Narrow].map(draw).concat(),
+            markup: draw(),
         }],
         table: Table {
             columns,
             rows,
             note: String::new(),
         },
-        wide: true,
+        wide: false,
     })
 }
 
@@ -143,14 +138,15 @@ pub fn coefficient_image(run: &Run) -> Result<Option<Figure>> {
         }
         let map = HeatMap {
             id: format!("image-coefficients-{channel}"),
-            x: Axis::new("p (along α)", Scale::linear(-0.5, p_count as f64 - 0.5), 8),
-            y: Axis::new("q (along θo′)", Scale::linear(-q_max, q_max), 6),
+            x: Axis::whole("p (along α)", -0.5, p_count as f64 - 0.5, 8),
+            y: Axis::whole("q (along θ_[o]′)", -q_max, q_max, 6),
             cells: [p_count, q_count],
             values,
             colours,
             map: ColourMap::Viridis,
-            label: format!("|B_pq| / {}", run.radiance_unit),
+            label: format!("|B_[pq]| / {}", run.radiance_unit),
             height: 300.0,
+            sigma: None,
         };
         let alt = format!(
             "Magnitudes of the coefficients B_pq of channel {}, logarithmic over five decades.",
@@ -163,8 +159,8 @@ pub fn coefficient_image(run: &Run) -> Result<Option<Figure>> {
     }
     Ok((!panels.is_empty()).then(|| Figure {
         id: "coefficients",
-        title: "Coefficients B_pq",
-        caption: "Magnitudes over both frequencies, logarithmic. A glossy lobe about the mirror direction keeps the energy near the line q = p; \
+        title: "Coefficients B_[pq]",
+        caption: "Magnitudes over both frequencies, logarithmic. A glossy lobe about the mirror direction keeps the energy near the line q = −p; \
                   where a column is dark, that frequency of the light is lost."
             .to_owned(),
         panels,

@@ -26,6 +26,16 @@ impl Axis {
         }
     }
 
+    /// An axis of whole numbers with some `count` ticks.
+    pub fn whole(label: impl Into<String>, low: f64, high: f64, count: usize) -> Self {
+        let scale = Scale::linear(low, high);
+        Self {
+            scale,
+            label: label.into(),
+            ticks: scale.whole_ticks(count),
+        }
+    }
+
     /// An axis of angles in degrees with a tick every `step`.
     pub fn degrees(label: impl Into<String>, low: f64, high: f64, step: f64) -> Self {
         let scale = Scale::linear(low, high);

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use colorous::{CIVIDIS, VIRIDIS};
 
-use super::scale::Scale;
+use super::scale::{Scale, bounds};
 use crate::error::{Error, Result};
 
 /// A colour map.
@@ -70,7 +70,16 @@ impl ColourMap {
         let mut out = String::new();
         for map in [Self::Viridis, Self::Cividis, Self::Vik] {
             for (suffix, ends) in [("h", "x2='1' y2='0'"), ("v", "y1='1' x2='0' y2='0'")] {
-                let _ = write!(out, "<linearGradient id='{}-{suffix}' {ends}>", map.name());
+                let colours: String = (0..255)
+                    .filter(|_| suffix == "h")
+                    .flat_map(|k| map.at(f64::from(k) / 254.0))
+                    .map(|byte| format!("{byte:02x}"))
+                    .collect();
+                let _ = write!(
+                    out,
+                    "<linearGradient id='{}-{suffix}' {ends} data-colours='{colours}'>",
+                    map.name()
+                );
                 for k in 0..=24 {
                     let [r, g, b] = map.at(f64::from(k) / 24.0);
                     let _ = write!(
@@ -119,20 +128,81 @@ pub fn indexed_png(
     for k in 0..255 {
         palette.extend(map.at(f64::from(k) / 254.0));
     }
-    let mut bytes = Vec::new();
+    encode([columns, rows], &indices, Some(palette))
+}
+
+/// Values and σ for the script, packed into the bytes of an image that a canvas gives back exactly.
+#[derive(Debug)]
+pub struct Packed {
+    /// The PNG.
+    pub uri: String,
+    /// Least and largest value.
+    pub values: [f64; 2],
+    /// Least and largest σ.
+    pub sigma: [f64; 2],
+}
+
+/// Packs values (12 bits, as their square root above the least, so that the step follows shot noise:
+/// 0.05 % of the largest value at most) into red and the upper half of green, and σ (8 bits,
+/// logarithmic) into blue. A blue of 0 marks a missing value.
+///
+/// # Errors
+/// If the encoder fails or the sizes do not agree.
+pub fn packed_png(values: &[f64], sigma: &[f64], cells: [usize; 2]) -> Result<Packed> {
+    let (low, high) = bounds(values.iter().copied());
+    let (s0, s1) = bounds(sigma.iter().copied().filter(|s| *s > 0.0));
+    let range = (high - low).max(f64::MIN_POSITIVE);
+    let ratio = (s1 / s0).ln().max(1e-12);
+    let mut bytes = Vec::with_capacity(values.len() * 3);
+    for (value, sigma) in values.iter().zip(sigma) {
+        if !value.is_finite() {
+            bytes.extend([0, 0, 0]);
+            continue;
+        }
+        let code = (((value - low) / range).max(0.0).sqrt() * 4095.0).round() as u16;
+        let t = if *sigma > 0.0 {
+            (sigma / s0).ln() / ratio
+        } else {
+            0.0
+        };
+        bytes.extend([
+            (code >> 4) as u8,
+            ((code & 15) << 4) as u8,
+            1 + (t.clamp(0.0, 1.0) * 254.0).round() as u8,
+        ]);
+    }
+    if sigma.len() != values.len() || values.len() != cells[0] * cells[1] {
+        return Err(Error::failed(
+            "values, σ and cells of an image differ in number",
+        ));
+    }
+    Ok(Packed {
+        uri: encode(cells, &bytes, None)?,
+        values: [low, high],
+        sigma: [s0, s1],
+    })
+}
+
+/// A PNG of palette indices (colour 0 transparent) or, without a palette, of RGB bytes.
+fn encode(cells: [usize; 2], bytes: &[u8], palette: Option<Vec<u8>>) -> Result<String> {
     let failed = |e: png::EncodingError| Error::failed(format!("cannot encode a plot's PNG: {e}"));
-    let mut encoder = png::Encoder::new(&mut bytes, columns as u32, rows as u32);
-    encoder.set_color(png::ColorType::Indexed);
+    let mut out = Vec::new();
+    let mut encoder = png::Encoder::new(&mut out, cells[0] as u32, cells[1] as u32);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_palette(palette);
-    encoder.set_trns(vec![0u8]);
     encoder.set_compression(png::Compression::Balanced);
-    // Indices of a palette have no neighbourhood that a filter could use.
+    // Indices of a palette have no neighbourhood that a filter could use; noise has none either.
     encoder.set_filter(png::Filter::NoFilter);
+    if let Some(palette) = palette {
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_palette(palette);
+        encoder.set_trns(vec![0u8]);
+    } else {
+        encoder.set_color(png::ColorType::Rgb);
+    }
     let mut writer = encoder.write_header().map_err(failed)?;
-    writer.write_image_data(&indices).map_err(failed)?;
+    writer.write_image_data(bytes).map_err(failed)?;
     writer.finish().map_err(failed)?;
-    Ok(data_uri("image/png", &bytes))
+    Ok(data_uri("image/png", &out))
 }
 
 /// Bytes as a base64 `data:` URI.

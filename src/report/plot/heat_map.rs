@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 
 use super::cartesian::{Axis, Plot};
-use super::colour::{ColourMap, indexed_png};
+use super::colour::{ColourMap, indexed_png, packed_png};
 use super::scale::Scale;
-use super::{Size, coordinate, text};
+use super::{Size, coordinate, escape, text};
 use crate::error::Result;
 
 /// Values on a regular grid over the x and y axes.
@@ -29,6 +29,8 @@ pub struct HeatMap {
     pub label: String,
     /// Height of the plot area.
     pub height: f64,
+    /// σ of each value, for the read-out under the pointer.
+    pub sigma: Option<Vec<f64>>,
 }
 
 impl HeatMap {
@@ -41,11 +43,34 @@ impl HeatMap {
         let png = indexed_png(&self.values, columns, rows, &self.colours, self.map)?;
         let mut out = format!(
             "<svg class=\"store\" width=\"0\" height=\"0\" aria-hidden=\"true\"><image id=\"{}\" \
-             width=\"{columns}\" height=\"{rows}\" preserveAspectRatio=\"none\" href=\"{png}\"/></svg>",
-            self.id
+             width=\"{columns}\" height=\"{rows}\" preserveAspectRatio=\"none\" href=\"{png}\"{}/></svg>",
+            self.id,
+            self.read_out_attributes()?
         );
         for &size in sizes {
             out += &self.draw_one(size, alt);
+        }
+        Ok(out)
+    }
+
+    /// What the script needs to say the value under the pointer: exact values and σ where they are
+    /// given, else the colour map's name, from whose 255 steps it reads.
+    fn read_out_attributes(&self) -> Result<String> {
+        let mut out = format!(
+            " data-map=\"{}\" data-spacing=\"{}\" data-v0=\"{}\" data-v1=\"{}\" data-name=\"{}\"",
+            self.map.name(),
+            self.colours.spacing().word(),
+            self.colours.low(),
+            self.colours.high(),
+            escape(&self.label)
+        );
+        if let Some(sigma) = &self.sigma {
+            let packed = packed_png(&self.values, sigma, self.cells)?;
+            let _ = write!(
+                out,
+                " data-values=\"{}\" data-p0=\"{}\" data-p1=\"{}\" data-s0=\"{}\" data-s1=\"{}\"",
+                packed.uri, packed.values[0], packed.values[1], packed.sigma[0], packed.sigma[1]
+            );
         }
         Ok(out)
     }

@@ -82,6 +82,27 @@ pub fn escape(text: &str) -> String {
     out
 }
 
+/// Text with subscripts written `_[…]` as HTML; everything else is made safe.
+pub fn html_text(text: &str) -> String {
+    subscripts(&escape(text), "<sub>", "</sub>")
+}
+
+fn subscripts(escaped: &str, open: &str, close: &str) -> String {
+    let mut out = String::with_capacity(escaped.len() + 16);
+    let mut rest = escaped;
+    while let Some((before, after)) = rest.split_once("_[") {
+        let Some((inside, behind)) = after.split_once(']') else {
+            break;
+        };
+        out += before;
+        out += open;
+        out += inside;
+        out += close;
+        rest = behind;
+    }
+    out + rest
+}
+
 /// An `<svg>` of the given size around `body`, described for those who cannot see it.
 pub fn svg(size: Size, width: f64, height: f64, alt: &str, body: &str) -> String {
     format!(
@@ -105,13 +126,18 @@ pub fn coordinate(value: f64) -> String {
     if text == "-0" { "0" } else { text }.to_owned()
 }
 
-/// A `<text>` element; `anchor` is `start`, `middle` or `end`.
+/// A `<text>` element with subscripts written `_[…]`; `anchor` is `start`, `middle` or `end`.
 pub fn text(x: f64, y: f64, anchor: &str, class: &str, content: &str) -> String {
     format!(
         "<text x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\" class=\"{class}\">{}</text>",
         coordinate(x),
         coordinate(y),
-        escape(content)
+        // A shift that is undone by the text that follows works in every renderer.
+        subscripts(
+            &escape(content),
+            "<tspan dy=\"3\" class=\"sub\">",
+            "</tspan><tspan dy=\"-3\">\u{200b}</tspan>"
+        )
     )
 }
 

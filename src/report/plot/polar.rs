@@ -52,7 +52,7 @@ impl Polar {
                 path_data([(cx, cy), edge])
             );
             let (x, y) = polar.at(angle, radius + 18.0);
-            let signed = if degrees >= 180 {
+            let signed = if degrees > 180 {
                 degrees - 360
             } else {
                 degrees

@@ -1,6 +1,6 @@
 //! From values to positions along an axis, and the ticks that a reader can interpolate between.
 
-use crate::report::number::{fixed, power_of_ten, short};
+use crate::report::number::{fixed, power_of_ten, trimmed};
 
 /// How values are spread along an axis or a colour bar.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,6 +11,17 @@ pub enum Spacing {
     SquareRoot,
     /// Equal ratios are equally long.
     Log,
+}
+
+impl Spacing {
+    /// Its name for the script.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::SquareRoot => "root",
+            Self::Log => "log",
+        }
+    }
 }
 
 /// An axis range and its spacing.
@@ -139,6 +150,16 @@ impl Scale {
             .collect()
     }
 
+    /// Some `count` ticks at whole numbers, for frequencies.
+    pub fn whole_ticks(&self, count: usize) -> Vec<Tick> {
+        let step = round_step((self.high - self.low) / count.max(1) as f64);
+        self.ticks_every(if step == 2.5 {
+            5.0
+        } else {
+            step.max(1.0).round()
+        })
+    }
+
     fn linear_ticks(&self, count: usize) -> Vec<Tick> {
         let raw = (self.high - self.low) / count.max(1) as f64;
         let step = round_step(raw);
@@ -149,7 +170,7 @@ impl Scale {
         let mut ticks = self.ticks_every(step);
         for tick in &mut ticks {
             let value = self.low + tick.at * (self.high - self.low);
-            tick.label = compact((value / step).round() * step);
+            tick.label = tick_label((value / step).round() * step);
         }
         ticks
     }
@@ -174,7 +195,7 @@ impl Scale {
             .into_iter()
             .map(|(at, value)| Tick {
                 at,
-                label: compact(value),
+                label: tick_label(value),
             })
             .collect()
     }
@@ -184,6 +205,8 @@ impl Scale {
         let last = (self.high.log10() + 1e-9).floor() as i32;
         let decades = last - first + 1;
         let every = (decades as usize).div_ceil(count.max(1)).max(1) as i32;
+        // One notation along the axis.
+        let plain = first >= -2 - i32::from(decades <= 1) && last <= 3;
         let mut ticks = Vec::new();
         for exponent in first - 1..=last {
             for mantissa in 1..10 {
@@ -193,9 +216,13 @@ impl Scale {
                     continue;
                 }
                 let label = if mantissa == 1 && (exponent - first).rem_euclid(every) == 0 {
-                    power_of_ten(exponent)
+                    if plain {
+                        tick_label(value)
+                    } else {
+                        power_of_ten(exponent)
+                    }
                 } else if decades <= 1 && matches!(mantissa, 2 | 5) {
-                    compact(value)
+                    tick_label(value)
                 } else if mantissa == 1 || decades <= 4 {
                     String::new()
                 } else {
@@ -229,6 +256,10 @@ pub fn quantile(values: impl IntoIterator<Item = f64>, q: f64) -> f64 {
     *finite.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
+fn tick_label(value: f64) -> String {
+    trimmed(value, 3).replace(" × ", "·")
+}
+
 fn round_step(raw: f64) -> f64 {
     let power = 10f64.powf(raw.log10().floor());
     let step = [1.0, 2.0, 2.5, 5.0, 10.0]
@@ -253,23 +284,6 @@ fn decimals_of(step: f64) -> usize {
         .unwrap_or(12) as usize
 }
 
-/// A round number without trailing zeros.
-fn compact(value: f64) -> String {
-    let text = short(value, 3);
-    match text.split_once(" × ") {
-        Some((mantissa, power)) => format!("{}·{power}", without_zeros(mantissa)),
-        None => without_zeros(&text).to_owned(),
-    }
-}
-
-fn without_zeros(text: &str) -> &str {
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.')
-    } else {
-        text
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -292,9 +306,12 @@ mod tests {
         let angles = Scale::linear(-180.0, 180.0).ticks_every(90.0);
         assert_eq!(labels(&angles), ["−180", "−90", "0", "90", "180"]);
         let log = Scale::log(3e-6, 2.0).ticks(6);
-        assert_eq!(labels(&log), ["10⁻⁵", "10⁻⁴", "10⁻³", "0.01", "0.1", "1"]);
+        assert_eq!(
+            labels(&log),
+            ["10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "10⁰"]
+        );
         let small = Scale::linear(0.0, 3e-7).ticks(3);
-        assert_eq!(labels(&small), ["0", "1·10⁻⁷", "2·10⁻⁷", "3·10⁻⁷"]);
+        assert_eq!(labels(&small), ["0", "10⁻⁷", "2·10⁻⁷", "3·10⁻⁷"]);
         for spacing in [
             Scale::linear(-1e9, 3e9),
             Scale::square_root(0.0, 0.37),
