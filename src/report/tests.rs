@@ -87,6 +87,7 @@ fn sun_run() -> Run {
     residual.sigma = field.sigma.clone();
     residual.weight = field.weight.clone();
     Run {
+        view_residual: None,
         title: "One sun on a red velvet cylinder".to_owned(),
         recover: "lighting".to_owned(),
         capture_toml: "format = 1\nname = \"red velvet\"\n\n[object]\nshape = \"cylinder\"\nradius = 0.05\n\n[camera]\nprojection = \"perspective\"\ndistance = 0.6\n".to_owned(),
@@ -261,6 +262,8 @@ fn lighting() -> LightingEstimate {
                 name: NAMES[c].to_owned(),
                 table_sigma: table.iter().map(|v| 0.002 + 0.02 * v.min(0.2)).collect(),
                 table,
+                smooth: crate::fourier::Series::zero(0),
+                irradiance: vec![0.0],
                 spectrum,
                 determined_band: Some(14),
                 residual_rms: 0.0011,
