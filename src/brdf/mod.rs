@@ -5,6 +5,7 @@
 //! their energy can be checked over the hemisphere.
 
 mod blinn;
+pub mod closed_forms;
 mod family;
 mod fresnel;
 mod ggx;
@@ -16,6 +17,7 @@ mod model;
 mod oren_nayar;
 mod phong;
 mod sheen;
+mod spectrum;
 mod table;
 #[cfg(test)]
 mod testing;
@@ -40,6 +42,7 @@ pub use model::Model;
 pub use oren_nayar::OrenNayar;
 pub use phong::Phong;
 pub use sheen::{HorizonSheen, Sheen};
+pub use spectrum::ReciprocalSpectrum;
 pub use table::{Axis, MeasuredSlice, SliceTable};
 pub use torrance_sparrow::TorranceSparrow;
 pub use transfer::{IncidentRule, transfer_row};
