@@ -7,6 +7,7 @@
 mod blinn;
 pub mod closed_forms;
 mod family;
+pub mod fit;
 mod fresnel;
 mod ggx;
 mod ggx_dielectric;
