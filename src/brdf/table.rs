@@ -11,8 +11,8 @@ use crate::angle::LocalAngle;
 use crate::error::nearest;
 use crate::{Error, Result};
 
-/// Cells a table may have: 4000 × 4000, finer than any capture.
-const MOST_CELLS: usize = 16_000_000;
+/// Cells a table may have: 2000 × 2000, finer than any capture.
+const MOST_CELLS: usize = 4_000_000;
 
 /// Coefficients beyond either end of an axis that an evaluation within ±90° can touch.
 const PAD: usize = 2;
@@ -669,6 +669,23 @@ mod tests {
             error.contains("2 of 1369 have none, the first at θi′ = -65°, θo′ = -45°"),
             "{error}"
         );
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn any_text_is_a_table_or_an_error(
+            lines in proptest::collection::vec("(-?(90|45|0|22\\.5)|),-?(90|45|0|x),[0-9.e-]{0,6}(,[0-9]{1,2})?", 0..30),
+            sigma in proptest::bool::ANY,
+        ) {
+            let header = if sigma { "theta_i_deg,theta_o_deg,rho_Y,sigma_Y" } else { "theta_i_deg,theta_o_deg,rho_Y" };
+            if let Ok(table) = SliceTable::parse(&format!("{header}\n{}", lines.join("\n"))) {
+                let again = SliceTable::parse(&table.to_csv()).expect("what was written is readable");
+                proptest::prop_assert_eq!(again.to_csv(), table.to_csv());
+                if let Ok(slice) = table.slice("Y") {
+                    proptest::prop_assert!(slice.value(LocalAngle::degrees(10.0), LocalAngle::degrees(-80.0)).is_finite());
+                }
+            }
+        }
     }
 
     #[test]
