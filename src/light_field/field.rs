@@ -1,5 +1,6 @@
 //! The gridded light field: mean, σ and weight per cell.
 
+use super::Samples;
 use crate::grid::Grid;
 
 /// B(α, θo′) on a grid, as `light_field.exr` holds it.
@@ -29,6 +30,34 @@ impl LightField {
             sigma: blank.clone(),
             weight: blank,
         }
+    }
+
+    /// The cells as samples at their centres; cells that were never seen are missing.
+    pub fn samples(&self) -> Samples {
+        let value: Vec<Vec<f64>> = self
+            .mean
+            .iter()
+            .map(|m| m.iter().map(|&v| f64::from(v)).collect())
+            .collect();
+        let variance: Vec<Vec<f64>> = self
+            .sigma
+            .iter()
+            .zip(&self.weight)
+            .map(|(sigma, weight)| {
+                sigma
+                    .iter()
+                    .zip(weight)
+                    .map(|(s, w)| {
+                        if *w > 0.0 {
+                            f64::from(*s).powi(2)
+                        } else {
+                            f64::INFINITY
+                        }
+                    })
+                    .collect()
+            })
+            .collect();
+        Samples::from_grid(self.grid, self.channels.clone(), &value, &variance)
     }
 
     /// Fraction of the cells with |θo′| ≤ `limb_cut` (radians) that were seen in `channel`.

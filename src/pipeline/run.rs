@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::light_field::LightField;
+use crate::light_field::{LightField, Part};
 use crate::recover::lighting::LightingEstimate;
 
 /// The results of one run.
@@ -36,6 +36,8 @@ pub struct Run {
     pub spectrum: Vec<Spectrum>,
     /// Measured minus predicted light field; its σ and weight are the measurement's.
     pub residual: Option<LightField>,
+    /// Measured minus predicted for each photo's strip, a row per view.
+    pub view_residual: Option<Part>,
     /// The recovered lighting.
     pub lighting: Option<LightingEstimate>,
     /// Plain sentences: what to distrust and what to do about it.

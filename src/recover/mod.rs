@@ -1,6 +1,6 @@
 //! The inverse directions: lighting, BRDF, or both from a light field.
 
 pub mod lighting;
-mod status;
+pub mod normal;
 
-pub use status::Status;
+pub use crate::lighting::Status;

@@ -3,6 +3,7 @@
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
+use crate::fourier::Series;
 use crate::recover::Status;
 
 /// Recovered lighting, all channels.
@@ -23,11 +24,15 @@ pub struct ChannelEstimate {
     pub table: Vec<f64>,
     /// Standard deviation of each value of `table`, \[720\].
     pub table_sigma: Vec<f64>,
-    /// L_p for 0 ≤ p ≤ band.
+    /// The smooth part of the light, without the sources.
+    pub smooth: Series,
+    /// Irradiance of each source in this channel, W m⁻².
+    pub irradiance: Vec<f64>,
+    /// L_p for 0 ≤ p ≤ band, of smooth part and sources together.
     pub spectrum: Vec<Coefficient>,
     /// Largest p up to which every coefficient is determined.
     pub determined_band: Option<usize>,
-    /// Root mean square of (measured − predicted) over the samples, and the same divided by the largest measured value.
+    /// Root mean square of measured − predicted over the samples.
     pub residual_rms: f64,
     /// `residual_rms` relative to the largest measured value.
     pub residual_relative: f64,
