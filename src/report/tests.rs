@@ -461,3 +461,27 @@ fn odd_data_never_panic_and_broken_sizes_are_errors() -> Result<()> {
     assert!(page(&run).is_err());
     Ok(())
 }
+
+#[test]
+fn a_dense_noisy_field_still_fits_into_the_size_of_a_page() -> Result<()> {
+    let mut run = sun_run();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
+    let count = run.light_field.grid.len();
+    for c in 0..3 {
+        for k in 0..count {
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            let value = 1.0 + (k as f64 / 9e3).sin() + 0.01 * noise;
+            run.light_field.mean[c][k] = value as f32;
+            run.light_field.sigma[c][k] = (0.01 + 0.001 * noise.abs()) as f32;
+            run.light_field.weight[c][k] = 5.0;
+            if let Some(residual) = &mut run.residual {
+                residual.mean[c][k] = (0.01 * noise) as f32;
+                residual.sigma[c][k] = 0.01;
+                residual.weight[c][k] = 5.0;
+            }
+        }
+    }
+    let html = page(&run)?;
+    assert!(html.len() < 3_000_000, "{} bytes", html.len());
+    Ok(())
+}
