@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
-use super::{Blinn, GgxConductor, Isotropic, Lambertian, Mirror, Phong};
+use super::{
+    Blinn, GgxConductor, GgxDielectric, HorizonSheen, Isotropic, Lambertian, Mirror, OrenNayar,
+    Phong, Sheen, TorranceSparrow, Ward,
+};
 
 /// One parameter of a model: its key in a recipe and the values that make sense.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,8 +31,20 @@ pub enum Family {
     Phong,
     /// [`Blinn`].
     Blinn,
+    /// [`Ward`].
+    Ward,
+    /// [`TorranceSparrow`].
+    TorranceSparrow,
     /// [`GgxConductor`].
     GgxConductor,
+    /// [`GgxDielectric`].
+    GgxDielectric,
+    /// [`OrenNayar`].
+    OrenNayar,
+    /// [`Sheen`].
+    Sheen,
+    /// [`HorizonSheen`], in recipes `sheen` with an `exponent`.
+    HorizonSheen,
 }
 
 const fn parameter(name: &'static str, default: Option<f64>, low: f64, high: f64) -> Parameter {
@@ -49,16 +64,24 @@ const fn factor(name: &'static str, default: Option<f64>) -> Parameter {
 const DIFFUSE: Parameter = factor("diffuse", Some(0.0));
 const SPECULAR: Parameter = factor("specular", None);
 const EXPONENT: Parameter = parameter("exponent", None, 0.0, 1e6);
+const SHEEN: Parameter = factor("sheen", None);
+const IOR: Parameter = parameter("ior", Some(1.5), 1.0, 10.0);
 const ALPHA: Parameter = parameter("alpha", None, 1e-3, 2.0);
 
 impl Family {
     /// All of them.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 11] = [
         Self::Lambertian,
         Self::Mirror,
         Self::Phong,
         Self::Blinn,
+        Self::Ward,
+        Self::TorranceSparrow,
         Self::GgxConductor,
+        Self::GgxDielectric,
+        Self::OrenNayar,
+        Self::Sheen,
+        Self::HorizonSheen,
     ];
 
     /// Name in a recipe (`model = "…"`).
@@ -68,7 +91,12 @@ impl Family {
             Self::Mirror => "mirror",
             Self::Phong => "phong",
             Self::Blinn => "blinn",
+            Self::Ward => "ward",
+            Self::TorranceSparrow => "torrance-sparrow",
             Self::GgxConductor => "ggx-conductor",
+            Self::GgxDielectric => "ggx-dielectric",
+            Self::OrenNayar => "oren-nayar",
+            Self::Sheen | Self::HorizonSheen => "sheen",
         }
     }
 
@@ -78,6 +106,23 @@ impl Family {
             Self::Lambertian => const { &[factor("albedo", None)] },
             Self::Mirror => const { &[factor("reflectance", Some(1.0))] },
             Self::Phong | Self::Blinn => &[DIFFUSE, SPECULAR, EXPONENT],
+            Self::Ward => &[DIFFUSE, SPECULAR, ALPHA],
+            Self::TorranceSparrow => {
+                const { &[DIFFUSE, parameter("roughness", None, 1e-3, 2.0), IOR] }
+            }
+            Self::GgxDielectric => &[DIFFUSE, ALPHA, IOR],
+            Self::OrenNayar => {
+                const {
+                    &[
+                        factor("albedo", None),
+                        parameter("sigma_deg", None, 0.0, 90.0),
+                    ]
+                }
+            }
+            Self::Sheen => const { &[DIFFUSE, SHEEN, parameter("roughness", None, 0.01, 1.0)] },
+            Self::HorizonSheen => {
+                const { &[DIFFUSE, SHEEN, parameter("exponent", None, 0.1, 1e4)] }
+            }
             Self::GgxConductor => {
                 const {
                     &[
@@ -105,6 +150,35 @@ impl Family {
             Self::Blinn => Arc::new(Blinn {
                 diffuse: v(0),
                 specular: v(1),
+                exponent: v(2),
+            }),
+            Self::Ward => Arc::new(Ward {
+                diffuse: v(0),
+                specular: v(1),
+                alpha: v(2),
+            }),
+            Self::TorranceSparrow => Arc::new(TorranceSparrow {
+                diffuse: v(0),
+                roughness: v(1),
+                ior: v(2),
+            }),
+            Self::GgxDielectric => Arc::new(GgxDielectric {
+                diffuse: v(0),
+                alpha: v(1),
+                ior: v(2),
+            }),
+            Self::OrenNayar => Arc::new(OrenNayar {
+                albedo: v(0),
+                sigma: v(1).to_radians(),
+            }),
+            Self::Sheen => Arc::new(Sheen {
+                diffuse: v(0),
+                sheen: v(1),
+                roughness: v(2),
+            }),
+            Self::HorizonSheen => Arc::new(HorizonSheen {
+                diffuse: v(0),
+                sheen: v(1),
                 exponent: v(2),
             }),
             Self::GgxConductor => Arc::new(GgxConductor {

@@ -8,15 +8,20 @@ mod blinn;
 mod family;
 mod fresnel;
 mod ggx;
+mod ggx_dielectric;
 mod isotropic;
 mod lambertian;
 mod mirror;
 mod model;
+mod oren_nayar;
 mod phong;
+mod sheen;
 mod table;
 #[cfg(test)]
 mod testing;
+mod torrance_sparrow;
 mod transfer;
+mod ward;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -27,13 +32,18 @@ pub use blinn::Blinn;
 pub use family::{Family, Parameter};
 pub use fresnel::{conductor_reflectance, dielectric_reflectance};
 pub use ggx::GgxConductor;
+pub use ggx_dielectric::GgxDielectric;
 pub use isotropic::{Isotropic, Pair, directional_albedo};
 pub use lambertian::Lambertian;
 pub use mirror::Mirror;
 pub use model::Model;
+pub use oren_nayar::OrenNayar;
 pub use phong::Phong;
+pub use sheen::{HorizonSheen, Sheen};
 pub use table::{Axis, MeasuredSlice, SliceTable};
+pub use torrance_sparrow::TorranceSparrow;
 pub use transfer::{IncidentRule, transfer_row};
+pub use ward::Ward;
 
 /// The in-plane slice of an isotropic BRDF in one channel.
 ///

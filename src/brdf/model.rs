@@ -360,6 +360,44 @@ mod tests {
     }
 
     #[test]
+    fn every_model_of_the_documentation_is_understood() {
+        for text in [
+            "model = \"lambertian\"\nalbedo = 0.5",
+            "model = \"mirror\"",
+            "model = \"phong\"\nspecular = 0.4\nexponent = 32",
+            "model = \"blinn\"\ndiffuse = 0.1\nspecular = 0.4\nexponent = 32",
+            "model = \"ward\"\nspecular = 0.4\nalpha = 0.1",
+            "model = \"torrance-sparrow\"\ndiffuse = 0.3\nroughness = 0.2\nior = 1.5",
+            "model = \"ggx-conductor\"\nalpha = 0.2\neta = 0.2\nk = 3.9",
+            "model = \"ggx-dielectric\"\ndiffuse = 0.3\nalpha = 0.1",
+            "model = \"oren-nayar\"\nalbedo = 0.7\nsigma_deg = 20",
+            "model = \"sheen\"\nsheen = 0.5\nroughness = 0.3",
+            "model = \"sheen\"\nsheen = 0.5\nexponent = 4",
+        ] {
+            let model = parse(text).expect(text);
+            assert!(
+                model.warnings().is_empty(),
+                "{text}: {:?}",
+                model.warnings()
+            );
+            let material = model.material(&rgb(), Path::new(".")).expect(text);
+            assert_eq!(material.brdfs.len(), 3);
+            assert_eq!(
+                Model::from_table(&model.to_table()).expect("resolved"),
+                model
+            );
+        }
+        assert_ne!(
+            parse("model = \"sheen\"\nsheen = 1\nroughness = 0.3")
+                .expect("roughness")
+                .to_table()
+                .get("roughness"),
+            None
+        );
+        assert!(parse("model = \"sheen\"\nsheen = 1\nroughness = 0.3\nexponent = 3").is_err());
+    }
+
+    #[test]
     fn too_much_energy_is_a_warning() {
         let model = parse("model = \"phong\"\ndiffuse = [0.3, 0.8]\nspecular = 0.5\nexponent = 20")
             .expect("allowed");
