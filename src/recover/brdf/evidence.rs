@@ -135,8 +135,7 @@ pub fn learn(information: &Information, longest: f64, noise_floor: f64) -> Resul
         penalties: Penalties::new(basis),
         white: Mat::from_fn(n, PROBES, |_, _| StandardNormal.sample(&mut rng)),
     };
-    let mean_information =
-        (0..n).map(|i| level.information[(i, i)]).sum::<f64>() / n as f64;
+    let mean_information = (0..n).map(|i| level.information[(i, i)]).sum::<f64>() / n as f64;
     let mut noise = noise_floor;
     // Start: a prior that says next to nothing, smooth over 0.1 rad; its fit gives the first amplitude.
     let shape = |amplitude: f64| {
@@ -204,9 +203,8 @@ fn point(level: &Level, chosen: &Smoothness, noise: f64, factor: f64) -> Result<
     let n = level.right_side.len() as f64;
     let parameters = n - weighted(&smoothness, &level.traces(&fit.a));
     // ln |P| scales by n ln factor; its value at the maximum is a constant of the curve.
-    let evidence = 0.5
-        * (n * factor.ln() - fit.a.log_determinant()
-            - (level.square / noise - fit.gain));
+    let evidence =
+        0.5 * (n * factor.ln() - fit.a.log_determinant() - (level.square / noise - fit.gain));
     let free = (level.count - parameters).max(1.0);
     Ok(CurvePoint {
         factor,

@@ -6,7 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use rayon::prelude::*;
 
-use super::basis::Basis;
+use super::basis::{Basis, END_SHAPES};
 use crate::angle::{WorldAngle, wrap};
 use crate::light_field::{Column, Samples};
 use crate::lighting::Lighting;
@@ -21,8 +21,8 @@ pub struct Illumination {
     basis: Basis,
     /// (direction, irradiance).
     sources: Vec<(f64, f64)>,
-    /// ∫ L(x + θ) φ(θ) dθ at x = −π + 2πi/CIRCLE for the shapes of spline there are: two at the left end, the
-    /// inner one (about its own centre), two at the right end. Empty without smooth light.
+    /// ∫ L(x + θ) φ(θ) dθ at x = −π + 2πi/CIRCLE for the shapes of spline there are: those at the left
+    /// end, the inner one (about its own centre), those at the right end. Empty without smooth light.
     smooth: Vec<Vec<f64>>,
 }
 
@@ -42,16 +42,17 @@ impl Illumination {
         if has_smooth {
             let step = TAU / CIRCLE as f64;
             let light: Vec<f64> = (0..CIRCLE)
-                .map(|i| {
-                    lighting.density(channel, WorldAngle::radians(-PI + i as f64 * step))
-                })
+                .map(|i| lighting.density(channel, WorldAngle::radians(-PI + i as f64 * step)))
                 .collect();
             let last = basis.len() - 1;
-            for m in [0, 1, last / 2, last - 1, last] {
+            let ends = (0..END_SHAPES)
+                .chain([last / 2])
+                .chain(last + 1 - END_SHAPES..=last);
+            for m in ends {
                 let centre = if m == last / 2 { basis.centre(m) } else { 0.0 };
                 // Trapezoidal sum: the spline has two derivatives, so its error is far below that of the
                 // interpolation. The spline is sampled relative to a point of the circle's grid.
-                let reach = (2.5 * basis.spacing() / step).ceil() as isize + 1;
+                let reach = (3.5 * basis.spacing() / step).ceil() as isize + 1;
                 let middle = ((basis.centre(m) - centre) / step).round() as isize;
                 let taps: Vec<(isize, f64)> = (middle - reach..=middle + reach)
                     .filter_map(|k| {
@@ -103,19 +104,18 @@ impl Illumination {
         }
         let last = self.basis.len() - 1;
         for (m, entry) in row.iter_mut().enumerate() {
-            let (shape, shift) = match m {
-                0 => (0, 0.0),
-                1 => (1, 0.0),
-                _ if m == last - 1 => (3, 0.0),
-                _ if m == last => (4, 0.0),
-                _ => (2, self.basis.centre(m)),
+            let (shape, shift) = if m < END_SHAPES {
+                (m, 0.0)
+            } else if m + END_SHAPES > last {
+                (m + 2 * END_SHAPES - last, 0.0)
+            } else {
+                (END_SHAPES, self.basis.centre(m))
             };
             let position = (wrap(alpha + shift) + PI) / TAU * CIRCLE as f64;
             let i = position as usize;
             let t = position - i as f64;
             let table = &self.smooth[shape];
-            *entry +=
-                factor * (table[i % CIRCLE] * (1.0 - t) + table[(i + 1) % CIRCLE] * t);
+            *entry += factor * (table[i % CIRCLE] * (1.0 - t) + table[(i + 1) % CIRCLE] * t);
         }
     }
 }
@@ -202,9 +202,9 @@ impl Information {
     pub fn dense(&self, scale: f64) -> Mat<f64> {
         let len = self.basis.len();
         let mut out = Mat::<f64>::zeros(self.basis.pairs(), self.basis.pairs());
-        // Σ over columns of φ_n φ_n' G first: bands |n − n'| ≤ 3 of len² numbers.
+        // Σ over columns of φ_n φ_n' G first: bands |n − n'| ≤ 5 of len² numbers.
         let bands: Vec<(usize, usize)> = (0..len)
-            .flat_map(|n| (n..(n + 4).min(len)).map(move |k| (n, k)))
+            .flat_map(|n| (n..(n + 6).min(len)).map(move |k| (n, k)))
             .collect();
         let blocks: Vec<Option<Mat<f64>>> = bands
             .par_iter()
@@ -212,9 +212,8 @@ impl Information {
                 let mut block: Option<Mat<f64>> = None;
                 for column in &self.columns {
                     let local = self.basis.at(column.local);
-                    let value = |i: usize| {
-                        local.iter().filter(|e| e.0 == i).map(|e| e.1).sum::<f64>()
-                    };
+                    let value =
+                        |i: usize| local.iter().filter(|e| e.0 == i).map(|e| e.1).sum::<f64>();
                     let product = value(n) * value(k) * scale;
                     if product != 0.0 {
                         let block = block.get_or_insert_with(|| Mat::zeros(len, len));
@@ -285,9 +284,5 @@ fn reduce(
         1.0,
         Par::Seq,
     );
-    Some((
-        ColumnInformation { local, gram, rhs },
-        usable.len(),
-        square,
-    ))
+    Some((ColumnInformation { local, gram, rhs }, usable.len(), square))
 }

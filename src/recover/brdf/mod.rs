@@ -56,8 +56,8 @@ pub use estimate::{BrdfEstimate, Coefficient, Slice, Status};
 pub use evidence::CurvePoint;
 use information::{Illumination, Information};
 use posterior::Posterior;
-use prior::{Factor, Penalties};
 pub use prior::Smoothness;
+use prior::{Factor, Penalties};
 
 /// Intervals of the splines on which the prior's weights are learnt.
 const COARSE: usize = 40;
@@ -164,7 +164,7 @@ fn check(options: &Options) -> Result<()> {
         }
     };
     number("a grid size", options.size, 2, 2000)?;
-    number("knot intervals", options.intervals, 8, 100)?;
+    number("knot intervals", options.intervals, 12, 100)?;
     number("a highest frequency", options.order, 0, 90)?;
     if !(options.longest > 0.0 && options.longest < PI) {
         return Err(Error::input(format!(
@@ -195,8 +195,10 @@ fn recover_channel(
     let coarse_basis = Basis::new(COARSE.min(options.intervals));
     let light = Illumination::new(coarse_basis, lighting, light_channel);
     if light.is_dark() {
-        return Err(Error::input(format!("the known lighting is dark in channel {name}"))
-            .advice("a BRDF can only be measured under light"));
+        return Err(
+            Error::input(format!("the known lighting is dark in channel {name}"))
+                .advice("a BRDF can only be measured under light"),
+        );
     }
     let coarse = Information::new(samples, channel, &light);
     if coarse.count == 0 {
@@ -226,15 +228,13 @@ fn recover_channel(
     let penalties = Penalties::new(basis);
     let mut noise = 1.0;
     let mut posterior;
-    let mut covariance;
     let mut chi_square;
     let mut parameters;
     let mut round = 0;
     loop {
         posterior = Posterior::new(&information, &smoothness, noise, options.non_negative)?;
-        covariance = posterior.factor.inverse();
         chi_square = information.chi_square(&posterior.mean);
-        parameters = basis.pairs() as f64 - penalties.trace(&smoothness, &covariance);
+        parameters = basis.pairs() as f64 - penalties.trace(&smoothness, &posterior.covariance);
         let free = information.count as f64 - parameters;
         let reduced = chi_square / free.max(1.0);
         round += 1;
@@ -251,7 +251,6 @@ fn recover_channel(
         basis,
         information: &information,
         posterior: &posterior,
-        covariance: &covariance,
         smoothness,
         noise,
     };
@@ -304,7 +303,6 @@ struct Fit<'a> {
     basis: Basis,
     information: &'a Information,
     posterior: &'a Posterior,
-    covariance: &'a Mat<f64>,
     smoothness: Smoothness,
     noise: f64,
 }
@@ -321,7 +319,7 @@ struct GridValues {
 impl Fit<'_> {
     /// The prior's factor on splines coarse enough that it costs little.
     fn prior(&self) -> Result<(Basis, Factor)> {
-        let basis = Basis::new(COARSE.min(self.basis.len() - 1));
+        let basis = Basis::new(COARSE.min(self.basis.intervals()));
         let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
         Penalties::new(basis).add_dense(&self.smoothness, &mut matrix);
         Ok((basis, Factor::new(&matrix)?))
@@ -354,7 +352,7 @@ impl Fit<'_> {
         for i in 0..size {
             for j in 0..=i {
                 let functional = posterior::value_at(self.basis, angle(i), angle(j));
-                let s = posterior::variance(&functional, self.covariance).sqrt();
+                let s = posterior::variance(&functional, &self.posterior.covariance).sqrt();
                 let b = posterior::variance(&functional, &free).sqrt();
                 let p = posterior::variance(
                     &posterior::value_at(prior_basis, angle(i), angle(j)),
@@ -384,14 +382,7 @@ impl Fit<'_> {
         let (prior_basis, prior) = self.prior()?;
         let prior = spectrum::sigmas(&spectrum::functionals(prior_basis, order), &prior);
         let x = &self.posterior.mean;
-        let dot = |j: usize| -> f64 {
-            functionals
-                .col(j)
-                .iter()
-                .zip(x)
-                .map(|(w, x)| w * x)
-                .sum()
-        };
+        let dot = |j: usize| -> f64 { functionals.col(j).iter().zip(x).map(|(w, x)| w * x).sum() };
         Ok(spectrum::indices(order)
             .into_iter()
             .enumerate()

@@ -10,6 +10,9 @@ use crate::Result;
 /// Most steps of the interior-point method; it takes 10 to 20.
 const ROUNDS: usize = 40;
 
+/// Weight of the logarithmic barrier at which the covariance is taken.
+const BARRIER: f64 = 1.0;
+
 /// A change of χ² that nobody needs.
 const NEGLIGIBLE: f64 = 0.05;
 
@@ -17,8 +20,10 @@ const NEGLIGIBLE: f64 = 0.05;
 pub struct Posterior {
     /// Mean, or the non-negative maximum.
     pub mean: Vec<f64>,
-    /// Factor of the precision, without the constraints.
+    /// Factor of the precision.
     pub factor: Factor,
+    /// Its inverse.
+    pub covariance: Mat<f64>,
     /// Number of coefficients that non-negativity holds at 0.
     pub held: usize,
 }
@@ -26,8 +31,9 @@ pub struct Posterior {
 impl Posterior {
     /// Solves the weighted least-squares problem with the prior.
     ///
-    /// Non-negativity is of the coefficients, which makes the spline non-negative; the covariance stays that of
-    /// the unconstrained problem, which is the wider one.
+    /// Non-negativity is of the coefficients, which makes the spline non-negative. Its covariance is the curvature
+    /// at the centre of a logarithmic barrier: a coefficient far above 0 keeps its σ, one pressed against 0
+    /// by a force z gets the 1/z of the exponential that is left of its Gaussian.
     ///
     /// # Errors
     /// If the normal equations cannot be factored.
@@ -39,23 +45,31 @@ impl Posterior {
     ) -> Result<Self> {
         let mut matrix = information.dense(1.0 / noise);
         Penalties::new(information.basis).add_dense(smoothness, &mut matrix);
-        let rhs: Vec<f64> = information
-            .right_side()
-            .iter()
-            .map(|h| h / noise)
-            .collect();
-        let factor = Factor::new(&matrix)?;
+        let rhs: Vec<f64> = information.right_side().iter().map(|h| h / noise).collect();
+        let mut factor = Factor::new(&matrix)?;
         let mut mean = factor.solve_vector(&rhs);
+        let mut covariance = factor.inverse();
         let mut held = 0;
-        if non_negative {
-            held = hold_non_negative(&matrix, &rhs, &mut mean)?;
+        if non_negative && let Some(force) = hold_non_negative(&matrix, &rhs, &mut mean)? {
+            held = mean.iter().filter(|v| **v == 0.0).count();
+            for (i, (&x, &z)) in mean.iter().zip(&force).enumerate() {
+                matrix[(i, i)] += barrier_curvature(x, z, 1.0 / covariance[(i, i)]);
+            }
+            factor = Factor::new(&matrix)?;
+            covariance = factor.inverse();
         }
-        Ok(Self { mean, factor, held })
+        Ok(Self {
+            mean,
+            factor,
+            covariance,
+            held,
+        })
     }
 }
 
-/// Minimises ½ xᵀA x − hᵀx over x ≥ 0, given its unconstrained minimum in `x`; returns how many are at 0.
-fn hold_non_negative(matrix: &Mat<f64>, rhs: &[f64], x: &mut [f64]) -> Result<usize> {
+/// Minimises ½ xᵀA x − hᵀx over x ≥ 0, given its unconstrained minimum in `x`. Returns the multipliers z ≥ 0 (the
+/// force by which each is pressed against 0), or `None` if there was nothing to do.
+fn hold_non_negative(matrix: &Mat<f64>, rhs: &[f64], x: &mut [f64]) -> Result<Option<Vec<f64>>> {
     let n = x.len();
     let product = |v: &[f64]| -> Vec<f64> {
         let p = matrix * Mat::from_fn(n, 1, |i, _| v[i]);
@@ -64,25 +78,23 @@ fn hold_non_negative(matrix: &Mat<f64>, rhs: &[f64], x: &mut [f64]) -> Result<us
     // If setting the negative ones to 0 costs next to nothing in χ², that is the answer.
     let cut: Vec<f64> = x.iter().map(|v| (-v).max(0.0)).collect();
     let cost: f64 = cut.iter().zip(product(&cut)).map(|(a, b)| a * b).sum();
-    let negative = x.iter().filter(|v| **v < 0.0).count();
     if cost < NEGLIGIBLE {
         x.iter_mut().for_each(|v| *v = v.max(0.0));
-        return Ok(negative);
+        return Ok(None);
     }
-    // Primal-dual interior point with Mehrotra's corrector; z ≥ 0 are the multipliers. All in units of
-    // s = 1/√A_ii, in which both are of order 1.
-    let unit: Vec<f64> = (0..n).map(|i| 1.0 / matrix[(i, i)].sqrt()).collect();
-    let mut z: Vec<f64> = unit.iter().map(|s| 1.0 / s).collect();
-    for (v, s) in x.iter_mut().zip(&unit) {
-        *v = v.max(*s);
+    // Primal-dual interior point with Mehrotra's corrector; z ≥ 0 are the multipliers. It starts in units of
+    // 1/√A_ii, in which both are of order 1.
+    let mut z: Vec<f64> = (0..n).map(|i| matrix[(i, i)].sqrt()).collect();
+    for (v, z) in x.iter_mut().zip(&z) {
+        *v = v.max(1.0 / z);
     }
     for _ in 0..ROUNDS {
         let gradient: Vec<f64> = product(x).iter().zip(rhs).map(|(p, h)| p - h).collect();
         let dual: f64 = gradient
             .iter()
             .zip(&z)
-            .zip(&unit)
-            .map(|((g, z), s)| ((g - z) * s).powi(2))
+            .enumerate()
+            .map(|(i, (g, z))| (g - z).powi(2) / matrix[(i, i)])
             .sum();
         let gap: f64 = x.iter().zip(&z).map(|(x, z)| x * z).sum();
         if gap < NEGLIGIBLE && dual < NEGLIGIBLE {
@@ -120,20 +132,33 @@ fn hold_non_negative(matrix: &Mat<f64>, rhs: &[f64], x: &mut [f64]) -> Result<us
             z[i] += tz * dz[i];
         }
     }
-    let mut held = 0;
     for i in 0..n {
         if x[i] * matrix[(i, i)] < z[i] {
             x[i] = 0.0;
-            held += 1;
         }
     }
-    Ok(held)
+    Ok(Some(z))
+}
+
+/// What the curvature of a barrier −[`BARRIER`]·ln x adds to the precision of a coefficient whose constrained
+/// estimate is `x`, pressed against 0 by `z`, and whose precision without the constraint is `c`.
+fn barrier_curvature(x: f64, z: f64, c: f64) -> f64 {
+    // Its centre: c (y − x) + z = BARRIER / y.
+    let b = c * x - z;
+    let root = (b * b + 4.0 * c * BARRIER).sqrt();
+    // The form without cancellation of (b + root)/2c.
+    let y = if b > 0.0 {
+        (b + root) / (2.0 * c)
+    } else {
+        2.0 * BARRIER / (root - b)
+    };
+    BARRIER / (y * y)
 }
 
 /// Sparse functional: value of the spline at (a, b) as factors on the unknowns.
 pub fn value_at(basis: Basis, a: f64, b: f64) -> Vec<(usize, f64)> {
     let (at_a, at_b) = (basis.at(a), basis.at(b));
-    let mut out = Vec::with_capacity(16);
+    let mut out = Vec::with_capacity(36);
     for (m, u) in at_a.iter() {
         for (n, v) in at_b.iter() {
             out.push((basis.pair(m, n), u * v));

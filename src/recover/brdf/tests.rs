@@ -30,22 +30,20 @@ impl Planted {
             let h = (a + b) / 2.0;
             let ch = h.cos();
             let d = alpha * alpha / (PI * (ch * ch * (alpha * alpha - 1.0) + 1.0).powi(2));
-            let g = |c: f64| {
-                2.0 / (1.0 + (1.0 + alpha * alpha * (1.0 / (c * c) - 1.0)).sqrt())
-            };
+            let g = |c: f64| 2.0 / (1.0 + (1.0 + alpha * alpha * (1.0 / (c * c) - 1.0)).sqrt());
             let cosine = ((a - b) / 2.0).cos();
             let f = f0 + (1.0 - f0) * (1.0 - cosine).powi(5);
             d * g(ca) * g(cb) * f / (4.0 * ca * cb)
         };
         match self {
             Self::Lambert => 0.6 / PI,
-            Self::Phong(n) => {
-                0.3 / PI + 0.4 * (n + 2.0) / TAU * (a + b).cos().max(0.0).powf(n)
-            }
+            Self::Phong(n) => 0.3 / PI + 0.4 * (n + 2.0) / TAU * (a + b).cos().max(0.0).powf(n),
             Self::Ggx(alpha) => ggx(alpha, 0.9),
             Self::Plastic => 0.5 / PI + ggx(0.2, 0.04),
             // Rises toward grazing, where a lobe model falls.
-            Self::Velvet => 0.05 / PI + 0.15 * ((a + b) / 2.0).sin().abs().powi(3) / (ca + cb - ca * cb),
+            Self::Velvet => {
+                0.05 / PI + 0.15 * ((a + b) / 2.0).sin().abs().powi(3) / (ca + cb - ca * cb)
+            }
             Self::Retro => 0.2 / PI + 0.8 * (a - b).cos().max(0.0).powi(60),
         }
     }
@@ -188,7 +186,11 @@ fn planted_spectrum(planted: Planted, order: usize) -> Vec<Complex64> {
         })
         .collect();
     let turn: Vec<Vec<Complex64>> = (0..=order)
-        .map(|p| (0..n).map(|k| Complex64::cis(-(p as f64) * angle(k))).collect())
+        .map(|p| {
+            (0..n)
+                .map(|k| Complex64::cis(-(p as f64) * angle(k)))
+                .collect()
+        })
         .collect();
     let half: Vec<Vec<Complex64>> = (0..=order)
         .map(|p| {
@@ -281,7 +283,10 @@ fn study(
 #[test]
 #[ignore = "prints the study's table: some minutes"]
 fn table_of_the_study() {
-    let grid = Grid { normals: 360, locals: 90 };
+    let grid = Grid {
+        normals: 360,
+        locals: 90,
+    };
     let planted = [
         Planted::Phong(8.0),
         Planted::Phong(32.0),
@@ -294,20 +299,48 @@ fn table_of_the_study() {
         Planted::Lambert,
         Planted::Retro,
     ];
-    let intervals = std::env::var("INTERVALS").ok().and_then(|v| v.parse().ok()).unwrap_or(60);
-    let draws = std::env::var("DRAWS").ok().and_then(|v| v.parse().ok()).unwrap_or(2);
-    for light in [Light::Sun, Light::TwoSuns, Light::SkyAndSun, Light::Random16] {
+    let intervals = std::env::var("INTERVALS")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(60);
+    let draws = std::env::var("DRAWS")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(2);
+    let only = std::env::var("LIGHT").unwrap_or_default();
+    for light in [
+        Light::Sun,
+        Light::TwoSuns,
+        Light::SkyAndSun,
+        Light::Random16,
+    ] {
+        if !format!("{light:?}").starts_with(&only) {
+            continue;
+        }
         for p in planted {
             for level in [1e-4, 1e-3, 1e-2] {
-                let options = Options { size: 60, intervals, ..Options::default() };
+                let options = Options {
+                    size: 60,
+                    intervals,
+                    ..Options::default()
+                };
                 let start = std::time::Instant::now();
                 let (v, c, s) = study(p, light, level, draws, &options, grid);
                 let (u, w) = s.smoothness.lengths();
                 println!(
-                    "{light:?} {p:?} {level:.0e}: values {:.0}% cov {:.3} ratio {:.2} | coef {:.0}% cov {:.3} ratio {:.2} | l {:.1} {:.1} chi {:.3} noise {:.3} held {} {:.2}s",
-                    100.0 * v.count / draws as f64 / (60.0 * 61.0 / 2.0), v.coverage(), v.ratio(),
-                    100.0 * c.count / draws as f64 / (2.0 * s.spectrum.len() as f64), c.coverage(), c.ratio(),
-                    u.to_degrees(), w.to_degrees(), s.chi_square / (s.samples as f64 - s.parameters), s.noise, s.held,
+                    "{light:?} {p:?} {level:.0e}: values {:.0}% cov {:.3} ratio {:.2} | coef {:.0}% cov {:.3} ratio {:.2} | l {:.1} {:.1} chi {:.3} noise {:.3} held {} edf {:.3} {:.2}s",
+                    100.0 * v.count / draws as f64 / (60.0 * 61.0 / 2.0),
+                    v.coverage(),
+                    v.ratio(),
+                    100.0 * c.count / draws as f64 / (2.0 * s.spectrum.len() as f64),
+                    c.coverage(),
+                    c.ratio(),
+                    u.to_degrees(),
+                    w.to_degrees(),
+                    s.chi_square / (s.samples as f64 - s.parameters),
+                    s.noise,
+                    s.held,
+                    s.parameters / (63.0 * 32.0),
                     start.elapsed().as_secs_f64() / draws as f64
                 );
             }
