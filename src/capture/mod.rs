@@ -1,5 +1,7 @@
 //! What was shot: the description of a photo set, as resolved from `capture.toml`.
 
+mod check;
+mod draft;
 mod file;
 mod path;
 pub(crate) mod table;
@@ -10,6 +12,9 @@ mod to_toml;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+
+pub use check::{Findings, check};
+pub use draft::{Draft, draft};
 
 use crate::angle::WorldAngle;
 

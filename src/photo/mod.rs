@@ -4,7 +4,14 @@
 //! [`radiance`](crate::radiance).
 
 mod exr;
+mod hdr;
+mod jpeg;
+mod orientation;
+mod png;
 mod shot;
+#[cfg(test)]
+mod tests;
+mod tiff;
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
@@ -13,6 +20,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 pub use shot::Shot;
+
+use self::orientation::Orientation;
 
 use crate::error::{Error, Result};
 
@@ -43,6 +52,8 @@ pub enum Storage {
     Half,
     /// 32-bit floating point.
     Float,
+    /// Three 8-bit mantissas with one exponent (Radiance HDR).
+    SharedExponent,
 }
 
 /// File formats, told by content and not by name.
@@ -50,6 +61,14 @@ pub enum Storage {
 pub enum Format {
     /// OpenEXR.
     Exr,
+    /// PNG.
+    Png,
+    /// JPEG.
+    Jpeg,
+    /// TIFF.
+    Tiff,
+    /// Radiance HDR.
+    Hdr,
 }
 
 /// What a photograph's header says.
@@ -67,6 +86,9 @@ pub struct Info {
     pub shot: Shot,
 }
 
+/// Pixels by channel: \[channel\]\[row-major pixel\].
+type Planes = Vec<Vec<f32>>;
+
 /// A photo file after its size and format were looked at.
 struct Opened {
     reader: BufReader<File>,
@@ -83,6 +105,12 @@ struct Opened {
 pub fn read(path: &Path, rows: Option<Range<u32>>) -> Result<Photo> {
     guarded(path, |opened| match opened.format {
         Format::Exr => exr::read(opened, rows),
+        Format::Png => png::open(opened).and_then(|(header, decode)| header.photo(rows, decode)),
+        Format::Jpeg => {
+            jpeg::open(opened, true).and_then(|(header, decode)| header.photo(rows, decode))
+        }
+        Format::Tiff => tiff::open(opened).and_then(|(header, decode)| header.photo(rows, decode)),
+        Format::Hdr => hdr::open(opened).and_then(|(header, decode)| header.photo(rows, decode)),
     })
 }
 
@@ -93,6 +121,10 @@ pub fn read(path: &Path, rows: Option<Range<u32>>) -> Result<Photo> {
 pub fn info(path: &Path) -> Result<Info> {
     guarded(path, |opened| match opened.format {
         Format::Exr => exr::info(opened),
+        Format::Png => Ok(png::open(opened)?.0.info()),
+        Format::Jpeg => Ok(jpeg::open(opened, false)?.0.info()),
+        Format::Tiff => Ok(tiff::open(opened)?.0.info()),
+        Format::Hdr => Ok(hdr::open(opened)?.0.info()),
     })
 }
 
@@ -124,8 +156,9 @@ fn open(path: &Path) -> Result<Opened> {
         .read_to_end(&mut start)
         .and_then(|_| reader.rewind())
         .map_err(|cause| Error::read(path, cause))?;
-    let format = Format::of(&start)
-        .ok_or_else(|| Error::input("expected an EXR, found no format that is known").file(path))?;
+    let format = Format::of(&start).ok_or_else(|| {
+        Error::input("expected an EXR, PNG, TIFF, JPEG or HDR file, found none of them").file(path)
+    })?;
     Ok(Opened {
         reader,
         format,
@@ -140,7 +173,58 @@ impl Format {
         if begins(&[0x76, 0x2f, 0x31, 0x01]) {
             return Some(Self::Exr);
         }
+        if begins(b"\x89PNG\r\n\x1a\n") {
+            return Some(Self::Png);
+        }
+        if begins(&[0xff, 0xd8, 0xff]) {
+            return Some(Self::Jpeg);
+        }
+        if begins(b"II*\0") || begins(b"MM\0*") || begins(b"II+\0") || begins(b"MM\0+") {
+            return Some(Self::Tiff);
+        }
+        if begins(b"#?") {
+            return Some(Self::Hdr);
+        }
         None
+    }
+}
+
+/// A header as the decoders give it, with the picture as it lies in the file.
+struct Header {
+    format: Format,
+    stored: [u32; 2],
+    orientation: Orientation,
+    channels: Vec<String>,
+    storage: Storage,
+    shot: Shot,
+}
+
+impl Header {
+    fn info(self) -> Info {
+        Info {
+            format: self.format,
+            size: self.orientation.size(self.stored),
+            channels: self.channels,
+            storage: self.storage,
+            shot: self.shot,
+        }
+    }
+
+    /// The photo's wanted rows; `decode` gives planes of rows of the file.
+    fn photo(
+        self,
+        rows: Option<Range<u32>>,
+        decode: impl FnOnce(Range<u32>) -> Result<Planes>,
+    ) -> Result<Photo> {
+        let size = self.orientation.size(self.stored);
+        let rows = wanted(rows, size)?;
+        Ok(Photo {
+            size,
+            values: self.orientation.rows(self.stored, rows.clone(), decode)?,
+            rows,
+            channels: self.channels,
+            storage: self.storage,
+        })
     }
 }
 
@@ -192,19 +276,4 @@ pub fn natural_order(a: &str, b: &str) -> std::cmp::Ordering {
         keys
     }
     keys(a).cmp(&keys(b)).then_with(|| a.cmp(b))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_in_names_count() {
-        let mut names = ["v_10.exr", "v_2.exr", "v_1b.exr", "v_1.exr", "u.exr"];
-        names.sort_by(|a, b| natural_order(a, b));
-        assert_eq!(
-            names,
-            ["u.exr", "v_1.exr", "v_1b.exr", "v_2.exr", "v_10.exr"]
-        );
-    }
 }

@@ -55,8 +55,8 @@ pub(super) fn time_factors(planes: &[Bracket<'_>], files: &[&Path]) -> Result<Ve
                     .unwrap_or_default()
             };
             return Err(Error::input(format!(
-                "expected \"{}\" and \"{}\" to be exposed as stated, found the first {:.2} times as long \
-                 against the second",
+                "expected \"{}\" to show the same light per second as \"{}\", found {:.2} times the \
+                 light per second",
                 name(long),
                 name(short),
                 ratio.exp()

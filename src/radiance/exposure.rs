@@ -65,16 +65,21 @@ impl Exposure {
     ) -> Result<Self> {
         let storage = photo.storage;
         let mut signal = photo.values;
+        let brightest = match storage {
+            Storage::SharedExponent => Some(brightest(&signal)),
+            _ => None,
+        };
         let mut rounding_variance = Vec::with_capacity(signal.len());
         let mut levels = Vec::with_capacity(signal.len());
         for (c, plane) in signal.iter_mut().enumerate() {
             let level = Levels::of(&capture.sensor, &response, c, storage)?;
             let dark = dark.and_then(|d| d.values.get(c).or(d.values.first()));
             let curve = Curve::new(&response, c, storage);
+            let least = least_rounding(plane, storage);
             let mut variance = vec![0.0; plane.len()];
             for (i, (x, variance)) in plane.iter_mut().zip(&mut variance).enumerate() {
                 let stored = *x;
-                if !(f64::from(stored) < level.white_stored) {
+                if stored.is_nan() || f64::from(stored) >= level.white_stored {
                     *x = f32::NAN;
                     *variance = f32::INFINITY;
                     continue;
@@ -85,7 +90,9 @@ impl Exposure {
                     None => level.black as f32,
                 };
                 *x = linear - black;
-                *variance = rounding(stored, storage) * slope * slope;
+                let largest = brightest.as_ref().and_then(|b| b.get(i)).copied();
+                let stored_variance = rounding(largest.unwrap_or(stored), storage).max(least);
+                *variance = stored_variance * slope * slope;
             }
             rounding_variance.push(variance);
             levels.push(level);
@@ -100,6 +107,30 @@ impl Exposure {
             response,
         })
     }
+}
+
+/// The brightest channel by pixel.
+fn brightest(planes: &[Vec<f32>]) -> Vec<f32> {
+    let mut brightest = planes.first().cloned().unwrap_or_default();
+    for plane in planes {
+        brightest
+            .iter_mut()
+            .zip(plane)
+            .for_each(|(b, v)| *b = b.max(*v));
+    }
+    brightest
+}
+
+/// The least variance of rounding of any pixel of a plane. Floating point has ever finer steps
+/// towards 0, but sums and resampling before the file was written were rounded at the picture's own
+/// scale: no pixel is known better than the steps at a thousandth of the brightest.
+fn least_rounding(plane: &[f32], storage: Storage) -> f32 {
+    if let Storage::Integer { .. } = storage {
+        return 0.0;
+    }
+    let finite = plane.iter().filter(|v| v.is_finite());
+    let largest = finite.fold(0.0_f32, |a, v| a.max(v.abs()));
+    rounding(largest / 1000.0, storage).max(f32::MIN_POSITIVE)
 }
 
 /// A response with its values at every integer code at hand.

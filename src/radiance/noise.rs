@@ -53,7 +53,7 @@ impl Levels {
         let (highest, lowest) = match storage {
             Storage::Integer { max } => (f64::from(max), linear(0.0)),
             Storage::Half => (65504.0, f64::NEG_INFINITY),
-            Storage::Float => (f64::INFINITY, f64::NEG_INFINITY),
+            Storage::Float | Storage::SharedExponent => (f64::INFINITY, f64::NEG_INFINITY),
         };
         let black = sensor.black_level.map_or_else(|| linear(0.0), linear);
         let white_stored = sensor.white_level.unwrap_or(highest);

@@ -115,7 +115,7 @@ impl Response {
     pub fn decode(&self, stored: f64, channel: usize, storage: Storage) -> (f64, f64) {
         let scale = match storage {
             Storage::Integer { max } => f64::from(max),
-            Storage::Half | Storage::Float => 1.0,
+            Storage::Half | Storage::Float | Storage::SharedExponent => 1.0,
         };
         match self {
             Self::Linear => (stored, 1.0),
@@ -155,7 +155,8 @@ impl Response {
     }
 }
 
-/// Variance of the rounding of a stored value: one twelfth of its squared step.
+/// Variance of the rounding of a stored value: one twelfth of its squared step. Where channels share
+/// an exponent, `stored` is the brightest channel's value.
 pub fn rounding(stored: f32, storage: Storage) -> f32 {
     // The exponent of the binade that holds the value; the step is 2^(exponent − fraction bits).
     let step = |lowest: i32, fraction: i32| {
@@ -167,6 +168,8 @@ pub fn rounding(stored: f32, storage: Storage) -> f32 {
         Storage::Integer { .. } => 1.0,
         Storage::Half => step(-14, 10),
         Storage::Float => step(-103, 23),
+        // The brightest channel's mantissa has 8 bits, 128 to 255.
+        Storage::SharedExponent => step(-100, 7),
     };
     step * step / 12.0
 }

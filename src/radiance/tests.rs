@@ -149,11 +149,201 @@ fn a_bracket_gives_unbiased_radiance_and_its_true_variance() {
         .map(|seed| bracket(folder.path(), sensor(), [1.0; 5], seed))
         .collect();
     let (worst, bias, z, missing) = score(&draws);
-    eprintln!("worst {worst:.5} bias {bias:.5} z {z:.4} missing {missing:.4}");
     // With ≥ 5000 pixels per part, each with σ below 10 %, the mean is known to 0.15 % or better.
     assert!(bias.abs() < 0.001 && worst < 0.003, "{bias} {worst}");
     // The rms of 60,000 unit normals is 1 ± 0.003; models of clipping and rounding add a little.
     assert!((z - 1.0).abs() < 0.03, "{z}");
     // The shortest exposure holds radiances up to 16.
     assert_eq!(missing, 0.0);
+}
+
+/// What each exposure time is really multiplied by; the mean of the logarithms is 0.
+fn jitter() -> [f64; 5] {
+    let logs = [0.02, -0.03, 0.015, 0.01, -0.015_f64];
+    logs.map(f64::exp)
+}
+
+#[test]
+fn wrong_exposure_times_are_solved_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let draws = [bracket(folder.path(), sensor(), jitter(), 1)];
+    let (worst, bias, z, _) = score(&draws);
+    // Ratios from about 15,000 shared pixels of 1 to 5 % noise are known to 0.05 %.
+    assert!(bias.abs() < 0.001 && worst < 0.003, "{bias} {worst}");
+    assert!((z - 1.0).abs() < 0.05, "{z}");
+}
+
+#[test]
+fn swapped_exposures_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut photos = Vec::new();
+    for (i, (real, stated)) in [(0.25, 1.0), (1.0, 0.25)].into_iter().enumerate() {
+        let name = format!("{i}.exr");
+        expose(&folder.path().join(&name), real, i as u64);
+        photos.push(Photo {
+            file: name.into(),
+            exposure_s: Some(stated),
+        });
+    }
+    let capture = capture(folder.path(), sensor(), photos);
+    let error = view(&capture, 0, 0..HEIGHT as u32).unwrap_err().to_string();
+    assert!(
+        error.contains("view 0")
+            && error.contains("exposure_s")
+            && error.contains("0.06 times the light per second"),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_noise_is_estimated_from_the_brackets() {
+    let folder = tempfile::tempdir().unwrap();
+    let unknown = Sensor {
+        full_well_e: None,
+        read_noise_e: None,
+        responsivity: None,
+        ..sensor()
+    };
+    let per_code = 12_000.0 / (4095.0 - 64.0);
+    let mut draws = Vec::new();
+    for seed in 0..2 {
+        let mut radiance = bracket(folder.path(), unknown.clone(), [1.0; 5], seed);
+        assert!(radiance.noise_known);
+        // Codes per second back to units of radiance.
+        let unit = (per_code / 12_000.0) as f32;
+        radiance.value[0].iter_mut().for_each(|v| *v *= unit);
+        radiance.variance[0]
+            .iter_mut()
+            .for_each(|v| *v *= unit * unit);
+        draws.push(radiance);
+    }
+    let (worst, bias, z, _) = score(&draws);
+    assert!(bias.abs() < 0.001 && worst < 0.003, "{bias} {worst}");
+    // A hundred bins of 512 give each coefficient to 1 or 2 %; the stated σ is wanted within 10 %.
+    assert!((z - 1.0).abs() < 0.1, "{z}");
+}
+
+#[test]
+fn one_photo_is_unbiased_up_to_clipping_and_missing_beyond() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut errors = Vec::new();
+    for seed in 0..4 {
+        expose(&folder.path().join("a.exr"), 0.5, seed);
+        let photo = Photo {
+            file: "a.exr".into(),
+            exposure_s: Some(0.5),
+        };
+        let radiance = view(
+            &capture(folder.path(), sensor(), vec![photo]),
+            0,
+            0..HEIGHT as u32,
+        )
+        .unwrap();
+        for (i, (&value, &variance)) in radiance.value[0]
+            .iter()
+            .zip(&radiance.variance[0])
+            .enumerate()
+        {
+            let truth = truth(i % WIDTH);
+            // The well is full at a radiance of 2; its shot noise is 0.018, so five σ are 0.09.
+            if truth > 2.09 {
+                assert!(variance.is_infinite(), "{truth} {value}");
+            } else if truth < 1.9 {
+                assert!(variance.is_finite());
+            }
+            if variance.is_finite() && truth > 1.6 {
+                errors.push(f64::from(value) / truth - 1.0);
+            }
+        }
+    }
+    let bias = errors.iter().sum::<f64>() / errors.len() as f64;
+    // 1 % noise over more than 500 pixels: the mean is known to 0.04 %.
+    assert!(
+        errors.len() > 500 && bias.abs() < 0.001,
+        "{} {bias}",
+        errors.len()
+    );
+}
+
+#[test]
+fn dark_flat_and_vignetting_are_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let dark = |x: usize, y: usize| 64.0 + (x % 7) as f32 + y as f32;
+    let flat = |x: usize, y: usize| {
+        1.0 - 0.3 * ((x as f32 - 320.0) / 320.0).powi(2) + 0.002 * (y as f32 - 11.5)
+    };
+    let coefficients = [-0.28, 0.06, -0.01];
+    let vignetting = |x: usize, y: usize| {
+        let (dx, dy) = (x as f64 + 0.5 - 320.0, y as f64 + 0.5 - 12.0);
+        let r2 = (dx * dx + dy * dy) / (320.0_f64 * 320.0 + 144.0);
+        (1.0 + r2 * (-0.28 + r2 * (0.06 - 0.01 * r2))) as f32
+    };
+    let light = |x: usize| 100.0 * truth(x) as f32;
+    write_y(&at("dark.exr"), dark);
+    write_y(&at("flat.exr"), |x, y| dark(x, y) + 800.0 * flat(x, y));
+    write_y(&at("a.exr"), |x, y| {
+        dark(x, y) + 2.0 * light(x) * flat(x, y) * vignetting(x, y)
+    });
+    let sensor = Sensor {
+        dark: Some("dark.exr".into()),
+        flat: Some("flat.exr".into()),
+        vignetting: Some(coefficients),
+        ..Sensor::default()
+    };
+    let photo = Photo {
+        file: "a.exr".into(),
+        exposure_s: Some(2.0),
+    };
+    let radiance = view(&capture(folder.path(), sensor, vec![photo]), 0, 3..9).unwrap();
+    for (i, &value) in radiance.value[0].iter().enumerate() {
+        let expected = light(i % WIDTH);
+        // The flat field's mean over the 32 × 24 central pixels is 1 − 0.3 (9.2/320)² = 0.9998.
+        assert!(
+            (value / expected - 1.0).abs() < 5e-4,
+            "{i}: {value} {expected}"
+        );
+    }
+    assert!(!radiance.noise_known);
+}
+
+#[test]
+fn an_8_bit_srgb_photo_is_right_within_its_rounding() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let srgb = |x: f64| {
+        if x <= 0.0031308 {
+            12.92 * x
+        } else {
+            1.055 * x.powf(1.0 / 2.4) - 0.055
+        }
+    };
+    let light = |x: usize, y: usize| (0.002 + x as f64 / 600.0 + y as f64 * 1e-4).min(1.2);
+    let codes: Vec<u8> = (0..HEIGHT)
+        .flat_map(|y| (0..WIDTH).map(move |x| (255.0 * srgb(light(x, y))).round().min(255.0) as u8))
+        .collect();
+    let image = image::GrayImage::from_raw(WIDTH as u32, HEIGHT as u32, codes).unwrap();
+    image.save(&path).unwrap();
+    let photo = Photo {
+        file: "a.png".into(),
+        exposure_s: Some(0.5),
+    };
+    let capture = capture(folder.path(), Sensor::default(), vec![photo]);
+    let radiance = view(&capture, 0, 0..HEIGHT as u32).unwrap();
+    let mut squares = Vec::new();
+    for (i, (&value, &variance)) in radiance.value[0]
+        .iter()
+        .zip(&radiance.variance[0])
+        .enumerate()
+    {
+        let expected = light(i % WIDTH, i / WIDTH) / 0.5;
+        if expected * 0.5 > 1.0 {
+            assert!(variance.is_infinite());
+        } else if variance.is_finite() {
+            squares.push((f64::from(value) - expected).powi(2) / f64::from(variance));
+        }
+    }
+    // Rounding errors are uniform: the mean of 14,000 squared z-scores is 1 ± 0.01.
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((mean - 1.0).abs() < 0.05, "{mean}");
 }

@@ -1,5 +1,6 @@
 //! The inverse directions: lighting, BRDF, or both from a light field.
 
+pub mod brdf;
 pub mod lighting;
 pub mod normal;
 

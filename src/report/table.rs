@@ -41,10 +41,14 @@ impl Cell {
 
     fn write_csv(&self, out: &mut String) {
         match self {
-            // Seven digits; the files beside the report have all.
+            // About seven digits, those of an f32; the files beside the report have all.
             Self::Number(v) if v.is_finite() => {
-                let rounded: f64 = format!("{v:.6e}").parse().unwrap_or(*v);
-                let _ = write!(out, "{rounded}");
+                let single = *v as f32;
+                let _ = if single.is_normal() {
+                    write!(out, "{single}")
+                } else {
+                    write!(out, "{v:e}")
+                };
             }
             Self::Fixed(v, decimals) if v.is_finite() => {
                 let _ = write!(out, "{v:.decimals$}");
@@ -129,7 +133,7 @@ mod tests {
         };
         assert_eq!(
             table.csv(),
-            "alpha_deg,\"a,\"\"b\"\"\"\n-179.75,\n0.3333333,\"x\ny\"\n"
+            "alpha_deg,\"a,\"\"b\"\"\"\n-179.75,\n0.33333334,\"x\ny\"\n"
         );
         let uri = table.csv_uri();
         assert!(uri.starts_with("data:text/csv;charset=utf-8,alpha_deg,%22a,%22%22b"));

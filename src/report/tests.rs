@@ -87,6 +87,7 @@ fn sun_run() -> Run {
     residual.sigma = field.sigma.clone();
     residual.weight = field.weight.clone();
     Run {
+        view_residual: None,
         title: "One sun on a red velvet cylinder".to_owned(),
         recover: "lighting".to_owned(),
         capture_toml: "format = 1\nname = \"red velvet\"\n\n[object]\nshape = \"cylinder\"\nradius = 0.05\n\n[camera]\nprojection = \"perspective\"\ndistance = 0.6\n".to_owned(),
@@ -261,6 +262,8 @@ fn lighting() -> LightingEstimate {
                 name: NAMES[c].to_owned(),
                 table_sigma: table.iter().map(|v| 0.002 + 0.02 * v.min(0.2)).collect(),
                 table,
+                smooth: crate::fourier::Series::zero(0),
+                irradiance: vec![0.0],
                 spectrum,
                 determined_band: Some(14),
                 residual_rms: 0.0011,
@@ -456,5 +459,29 @@ fn odd_data_never_panic_and_broken_sizes_are_errors() -> Result<()> {
     let mut run = sun_run();
     run.previews[0].rgb.pop();
     assert!(page(&run).is_err());
+    Ok(())
+}
+
+#[test]
+fn a_dense_noisy_field_still_fits_into_the_size_of_a_page() -> Result<()> {
+    let mut run = sun_run();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
+    let count = run.light_field.grid.len();
+    for c in 0..3 {
+        for k in 0..count {
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            let value = 1.0 + (k as f64 / 9e3).sin() + 0.01 * noise;
+            run.light_field.mean[c][k] = value as f32;
+            run.light_field.sigma[c][k] = (0.01 + 0.001 * noise.abs()) as f32;
+            run.light_field.weight[c][k] = 5.0;
+            if let Some(residual) = &mut run.residual {
+                residual.mean[c][k] = (0.01 * noise) as f32;
+                residual.sigma[c][k] = 0.01;
+                residual.weight[c][k] = 5.0;
+            }
+        }
+    }
+    let html = page(&run)?;
+    assert!(html.len() < 3_000_000, "{} bytes", html.len());
     Ok(())
 }

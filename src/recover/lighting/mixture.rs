@@ -6,9 +6,11 @@ use std::f64::consts::{PI, TAU};
 use faer::Mat;
 use rayon::prelude::*;
 
-use super::prior::{Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv};
+use super::prior::{
+    Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv, search_by_evidence,
+};
 use super::sources::{unit_response, weighted_product};
-use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK, synthesis_matrix};
+use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
 use crate::angle::{WorldAngle, wrap};
 use crate::brdf::Brdf;
 use crate::error::Result;
@@ -20,6 +22,14 @@ use crate::recover::normal::NormalSystem;
 const MOST_SOURCES: usize = 12;
 /// Gain in log evidence at which a further source is believed (odds of 400 to 1).
 const BELIEF: f64 = 6.0;
+/// Deviation of the prior under which directions are first improved, relative to the mean light.
+const SHARP: f64 = 1e-2;
+/// Gauss–Newton steps under one prior, at the most.
+const STEPS: usize = 12;
+/// Standard deviation of a direction (radians) beyond which the data do not guide it.
+const LOST: f64 = 0.3;
+/// Longest step of a direction, radians: within the width of a lobe the step may be trusted.
+const LONGEST_STEP: f64 = 0.05;
 /// Step (radians) of the central difference for a response's derivative by direction.
 const DIFFERENCE: f64 = 2e-4;
 
@@ -86,10 +96,20 @@ impl<'a> Channel<'a> {
     }
 }
 
+/// Where the prior of a fit comes from.
+#[derive(Clone, Copy, Debug)]
+enum Strength {
+    /// Chosen as the recipe says.
+    Chosen(Regularisation),
+    /// Given.
+    Held(SpectralPrior),
+}
+
 /// The fit of one channel: unknowns are the coefficients and then one irradiance per source.
 #[derive(Debug)]
 pub struct Fit {
     pub posterior: Posterior,
+    pub prior: SpectralPrior,
     pub choice: RegularisationChoice,
     responses: Vec<Vec<Vec<f64>>>,
     log_evidence: f64,
@@ -129,58 +149,59 @@ pub struct Mixture {
 }
 
 impl Mixture {
-    /// The likeliest number of sources (0 unless `look_for_sources`) with the smooth light.
+    /// The likeliest number of sources with the smooth light: none, or the first ones of `candidates`
+    /// (directions, radians, brightest first).
     pub fn fit(
         samples: &Samples,
         channels: &[Channel<'_>],
         regularisation: Regularisation,
-        look_for_sources: bool,
+        candidates: &[f64],
     ) -> Result<Self> {
         let mut best = Self::with_directions(samples, channels, &[], regularisation)?;
-        while look_for_sources && best.directions.len() < MOST_SOURCES {
-            let mut improved = None;
-            for candidate in best.brightest_peaks(channels) {
-                let mut directions = best.directions.clone();
-                directions.push(candidate);
-                let trial = Self::refined(samples, channels, directions, regularisation)?;
-                if trial.log_evidence > best.log_evidence + BELIEF && trial.is_lit(channels) {
-                    improved = Some(trial);
+        let mut worse = 0;
+        for count in 1..=candidates.len().min(MOST_SOURCES) {
+            let trial = Self::refined(samples, channels, &candidates[..count], regularisation)?;
+            let believed = BELIEF * (count - best.directions.len()) as f64;
+            if trial.log_evidence > best.log_evidence + believed && trial.is_lit() {
+                best = trial;
+                worse = 0;
+            } else {
+                // One more may be needed before two weaker sources together pay.
+                worse += 1;
+                if worse == 2 {
                     break;
                 }
-            }
-            match improved {
-                Some(trial) => best = trial,
-                None => break,
             }
         }
         Ok(best)
     }
 
-    /// Directions improved by Gauss–Newton steps on the marginal likelihood, in turn with the fit.
+    /// Directions improved by Gauss–Newton steps: first as if nearly all light came from the sources, which
+    /// pins them down, then with the prior that the data choose.
     fn refined(
         samples: &Samples,
         channels: &[Channel<'_>],
-        directions: Vec<f64>,
+        directions: &[f64],
         regularisation: Regularisation,
     ) -> Result<Self> {
-        let mut mixture = Self::with_directions(samples, channels, &directions, regularisation)?;
-        for _ in 0..12 {
-            let steps = mixture.direction_steps(samples, channels);
-            let moved: Vec<f64> = mixture
-                .directions
-                .iter()
-                .zip(&steps)
-                .map(|(theta, step)| wrap(theta + step.0.clamp(-0.1, 0.1)))
-                .collect();
-            // A hundredth of a standard deviation is far below anything that shows.
-            let settled = steps
-                .iter()
-                .all(|(step, sigma)| step.abs() < 0.01 * sigma + 1e-9);
-            mixture = Self::with_directions(samples, channels, &moved, regularisation)?;
-            if settled {
-                break;
-            }
-        }
+        let sharp: Vec<Strength> = channels
+            .iter()
+            .map(|c| Strength::Held(SpectralPrior::flat(SHARP * c.mean_light)))
+            .collect();
+        let pinned = Self::descended(samples, channels, directions, &sharp)?;
+        let chosen = Self::fitted(
+            samples,
+            channels,
+            &pinned,
+            &vec![Strength::Chosen(regularisation); channels.len()],
+        )?;
+        let held: Vec<Strength> = chosen
+            .fits
+            .iter()
+            .map(|f| Strength::Held(f.prior))
+            .collect();
+        let settled = Self::descended(samples, channels, &pinned, &held)?;
+        let mut mixture = Self::with_directions(samples, channels, &settled, regularisation)?;
         let steps = mixture.direction_steps(samples, channels);
         // Laplace's approximation for each direction, with all directions equally likely before.
         for (_, sigma) in &steps {
@@ -190,6 +211,28 @@ impl Mixture {
         Ok(mixture)
     }
 
+    /// Directions at which the Gauss–Newton steps under held priors have come to rest.
+    fn descended(
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        directions: &[f64],
+        strengths: &[Strength],
+    ) -> Result<Vec<f64>> {
+        let mut directions = directions.to_vec();
+        for _ in 0..STEPS {
+            let mixture = Self::fitted(samples, channels, &directions, strengths)?;
+            let steps = mixture.direction_steps(samples, channels);
+            for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
+                *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
+            }
+            // A hundredth of a standard deviation is as good as there.
+            if steps.iter().all(|(step, sigma)| step.abs() < 0.01 * sigma) {
+                break;
+            }
+        }
+        Ok(directions)
+    }
+
     /// The fit with the sources' directions held.
     fn with_directions(
         samples: &Samples,
@@ -197,9 +240,20 @@ impl Mixture {
         directions: &[f64],
         regularisation: Regularisation,
     ) -> Result<Self> {
+        let strengths = vec![Strength::Chosen(regularisation); channels.len()];
+        Self::fitted(samples, channels, directions, &strengths)
+    }
+
+    fn fitted(
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        directions: &[f64],
+        strengths: &[Strength],
+    ) -> Result<Self> {
         let fits: Vec<Fit> = channels
             .par_iter()
-            .map(|channel| fit_channel(samples, channel, directions, regularisation))
+            .zip(strengths)
+            .map(|(channel, strength)| fit_channel(samples, channel, directions, *strength))
             .collect::<Result<_>>()?;
         Ok(Self {
             log_evidence: fits.iter().map(|f| f.log_evidence).sum(),
@@ -221,8 +275,9 @@ impl Mixture {
                     .collect();
                 let gradient: f64 = parts.iter().map(|p| p.0).sum();
                 let curvature: f64 = parts.iter().map(|p| p.1).sum();
-                if curvature > 0.0 {
-                    (gradient / curvature, curvature.recip().sqrt())
+                let sigma = curvature.recip().sqrt();
+                if sigma < LOST {
+                    (gradient / curvature, sigma)
                 } else {
                     (0.0, PI)
                 }
@@ -284,39 +339,15 @@ impl Mixture {
         (gradient, curvature.max(0.0))
     }
 
-    /// Directions of the highest peaks of the smooth light, summed over channels in units of their mean.
-    fn brightest_peaks(&self, channels: &[Channel<'_>]) -> Vec<f64> {
-        const ANGLES: usize = 720;
-        let mut sum = vec![0.0; ANGLES];
-        for (channel, fit) in channels.iter().zip(&self.fits) {
-            let synthesis = synthesis_matrix(channel.system.order, ANGLES);
-            for (k, value) in sum.iter_mut().enumerate() {
-                let light: f64 = (0..channel.system.vector.len())
-                    .map(|i| synthesis[(k, i)] * fit.posterior.mean[i])
-                    .sum();
-                *value += light / channel.mean_light;
-            }
-        }
-        let mut peaks: Vec<(f64, f64)> = (0..ANGLES)
-            .filter(|&k| {
-                let (before, after) = (sum[(k + ANGLES - 1) % ANGLES], sum[(k + 1) % ANGLES]);
-                sum[k] > before && sum[k] >= after && sum[k] > 0.0
-            })
-            .map(|k| (sum[k], -PI + TAU * k as f64 / ANGLES as f64))
-            .collect();
-        peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-        peaks.into_iter().take(3).map(|(_, theta)| theta).collect()
-    }
-
     /// Whether every source sends light in some channel and takes it from none beyond its error.
-    fn is_lit(&self, channels: &[Channel<'_>]) -> bool {
+    fn is_lit(&self) -> bool {
         (0..self.directions.len()).all(|s| {
-            let signals: Vec<f64> = channels
+            let signals: Vec<f64> = self
+                .fits
                 .iter()
-                .zip(&self.fits)
-                .map(|(channel, fit)| {
-                    let i = channel.system.vector.len() + s;
-                    fit.posterior.mean[i] / fit.posterior.covariance[(i, i)].sqrt()
+                .zip(&self.coefficients)
+                .map(|(fit, n)| {
+                    fit.posterior.mean[n + s] / fit.posterior.covariance[(n + s, n + s)].sqrt()
                 })
                 .collect();
             signals.iter().any(|&z| z > 3.0) && signals.iter().all(|&z| z > -3.0)
@@ -354,7 +385,7 @@ fn fit_channel(
     samples: &Samples,
     channel: &Channel<'_>,
     directions: &[f64],
-    regularisation: Regularisation,
+    strength: Strength,
 ) -> Result<Fit> {
     let system = &channel.system;
     let n = system.vector.len();
@@ -401,7 +432,24 @@ fn fit_channel(
         strength,
         curve: Vec::new(),
     };
+    let regularisation = match strength {
+        Strength::Chosen(regularisation) => regularisation,
+        Strength::Held(prior) => {
+            let posterior = problem.posterior(&prior)?;
+            let choice = named("held", (mean_light / prior.deviation).powi(2));
+            return Ok(Fit {
+                log_evidence: posterior.log_evidence,
+                posterior,
+                prior,
+                choice,
+                responses,
+            });
+        }
+    };
     let (prior, choice) = match regularisation {
+        Regularisation::Evidence if !directions.is_empty() => {
+            search_by_evidence(&problem, mean_light)?
+        }
         Regularisation::Evidence => {
             let weak = problem.posterior(&SpectralPrior::flat(mean_light))?;
             choose_by_evidence(&problem, &weak, mean_light)?
@@ -434,6 +482,7 @@ fn fit_channel(
     Ok(Fit {
         log_evidence: posterior.log_evidence + log_irradiance_prior,
         posterior,
+        prior,
         choice,
         responses,
     })

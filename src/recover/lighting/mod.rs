@@ -22,7 +22,7 @@ use faer::Mat;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use crate::angle::{NormalAngle, WorldAngle};
+use crate::angle::{NormalAngle, WorldAngle, wrap};
 use crate::brdf::{Brdf, Material, transfer_row};
 use crate::error::{Error, Result};
 use crate::fourier::{CircleTransform, Series};
@@ -109,12 +109,17 @@ pub fn recover(
     });
     // A source is not band-limited, and a mirror's response to one is a delta that samples miss.
     let look_for_sources = options.non_negative && options.band.is_none() && !mirror;
-    let mixture = Mixture::fit(samples, &channels, options.regularisation, look_for_sources)?;
+    let candidates = if look_for_sources {
+        brightest_peaks(&channels, &weak)?
+    } else {
+        Vec::new()
+    };
+    let mixture = Mixture::fit(samples, &channels, options.regularisation, &candidates)?;
 
     let estimates = (0..channels.len())
         .into_par_iter()
         .map(|c| finish(samples, &channels[c], &weak[c], &mixture, c, options))
-        .collect();
+        .collect::<Result<_>>()?;
     Ok(LightingEstimate {
         channels: estimates,
         sources: mixture.source_estimates(),
@@ -188,6 +193,56 @@ fn first_look(samples: &Samples, channel: usize, transfer: &[Vec<Complex64>]) ->
     (mean_light, informative)
 }
 
+/// Directions that may hold sources, brightest first: the peaks of the light under the weakest prior
+/// with L(θ) ≥ 0, which sharpens them far beyond the band, by their irradiance over all channels in units
+/// of the mean light.
+fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f64>> {
+    let lights: Vec<Vec<f64>> = channels
+        .par_iter()
+        .zip(weak)
+        .map(|(channel, weak)| {
+            let x = constrained(weak, channel.system.order, 0)?;
+            let synthesis = synthesis_matrix(channel.system.order, TABLE);
+            Ok((0..TABLE)
+                .map(|k| {
+                    let light: f64 = (0..x.len()).map(|i| synthesis[(k, i)] * x[i]).sum();
+                    light / channel.mean_light
+                })
+                .collect())
+        })
+        .collect::<Result<_>>()?;
+    let sum: Vec<f64> = (0..TABLE)
+        .map(|k| lights.iter().map(|l| l[k]).sum())
+        .collect();
+    let at = |k: isize| sum[k.rem_euclid(TABLE as isize) as usize];
+    let mut peaks = Vec::new();
+    for k in 0..TABLE as isize {
+        // A peak of light that is nowhere twice its mean is no source.
+        if !(at(k) > at(k - 1) && at(k) >= at(k + 1) && at(k) > 2.0 * channels.len() as f64) {
+            continue;
+        }
+        // Down to the valleys on both sides.
+        let (mut low, mut high) = (k, k);
+        while k - low < TABLE as isize / 2 && at(low - 1) < at(low) {
+            low -= 1;
+        }
+        while high - k < TABLE as isize / 2 && at(high + 1) < at(high) {
+            high += 1;
+        }
+        let floor = at(low).max(at(high));
+        let (mut total, mut moment) = (0.0, 0.0);
+        for i in low..=high {
+            let above = (at(i) - floor).max(0.0);
+            total += above;
+            moment += above * (i - k) as f64;
+        }
+        let theta = -PI + TAU * (k as f64 + moment / total) / TABLE as f64;
+        peaks.push((total, wrap(theta)));
+    }
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    Ok(peaks.into_iter().map(|(_, theta)| theta).collect())
+}
+
 /// From the fit to what is reported.
 fn finish(
     samples: &Samples,
@@ -196,14 +251,14 @@ fn finish(
     mixture: &Mixture,
     index: usize,
     options: &Options,
-) -> ChannelEstimate {
+) -> Result<ChannelEstimate> {
     let fit = &mixture.fits[index];
     let order = channel.system.order;
     let n = 2 * order + 1;
     let synthesis = synthesis_matrix(order, TABLE);
     let mut unknowns = fit.posterior.mean.clone();
     if options.non_negative {
-        unknowns = constrained(&fit.posterior, order, unknowns.len() - n);
+        unknowns = constrained(&fit.posterior, order, unknowns.len() - n)?;
     }
     let smooth = to_series(&unknowns[..n]);
     let irradiance = &unknowns[n..];
@@ -264,7 +319,7 @@ fn finish(
         }
     }
     let residual_rms = (sum / count.max(1) as f64).sqrt();
-    ChannelEstimate {
+    Ok(ChannelEstimate {
         name: channel.name.clone(),
         table,
         table_sigma: table_variance.iter().map(|v| v.sqrt()).collect(),
@@ -276,7 +331,7 @@ fn finish(
         residual_relative: residual_rms / largest,
         chi2: chi2 / count.max(1) as f64,
         regularisation: fit.choice.clone(),
-    }
+    })
 }
 
 /// L_p of smooth part and sources together.
@@ -354,7 +409,7 @@ fn synthesis_matrix(order: usize, m: usize) -> Mat<f64> {
 }
 
 /// The posterior mean under L(θ) ≥ 0 at 4P angles and non-negative irradiances.
-fn constrained(posterior: &Posterior, order: usize, sources: usize) -> Vec<f64> {
+fn constrained(posterior: &Posterior, order: usize, sources: usize) -> Result<Vec<f64>> {
     let n = 2 * order + 1;
     let angles = (4 * order).max(8);
     let synthesis = synthesis_matrix(order, angles);
@@ -432,3 +487,6 @@ pub fn predict(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -161,6 +161,57 @@ pub fn choose_by_evidence(
     Ok((best.1, choice))
 }
 
+/// Chooses shape and strength by the full marginal likelihood alone: where sources could stand for the
+/// smooth light, its coefficients are far from independent.
+pub fn search_by_evidence(
+    problem: &Problem<'_>,
+    mean_light: f64,
+) -> Result<(SpectralPrior, RegularisationChoice)> {
+    let mut best = (f64::INFINITY, SpectralPrior::flat(mean_light));
+    let look = |prior: SpectralPrior, best: &mut (f64, SpectralPrior)| -> Result<(f64, f64)> {
+        let cost = -problem.solve(&prior)?.1;
+        if cost < best.0 {
+            *best = (cost, prior);
+        }
+        Ok(((mean_light / prior.deviation).powi(2), cost))
+    };
+    for step in 0..=12 {
+        look(
+            SpectralPrior::flat(mean_light * 10f64.powf(-f64::from(step) / 2.0)),
+            &mut best,
+        )?;
+    }
+    let flat = best.1;
+    for corner in [2.0, 4.0, 8.0, 13.0, 20.0, 32.0] {
+        for louder in [1.0, 10f64.sqrt()] {
+            let deviation = (flat.deviation * louder).min(mean_light);
+            look(
+                SpectralPrior {
+                    deviation,
+                    corner,
+                    steepness: 3,
+                },
+                &mut best,
+            )?;
+        }
+    }
+    let shape = best.1;
+    let mut curve = Vec::new();
+    for step in -4..=4 {
+        let deviation = shape.deviation * 10f64.powf(f64::from(step) / 4.0);
+        curve.push(look(SpectralPrior { deviation, ..shape }, &mut best)?);
+    }
+    let strength = (mean_light / best.1.deviation).powi(2);
+    Ok((
+        best.1,
+        RegularisationChoice {
+            criterion: "evidence".into(),
+            strength,
+            curve,
+        },
+    ))
+}
+
 /// The prior that makes the coefficients' unregularised estimates likeliest, taken as independent.
 fn independent_choice(coefficients: usize, weak: &Posterior, mean_light: f64) -> SpectralPrior {
     let prior_precision = mean_light.powi(-2);
@@ -175,15 +226,6 @@ fn independent_choice(coefficients: usize, weak: &Posterior, mean_light: f64) ->
             })
         })
         .collect();
-    let cost = |prior: &SpectralPrior| -> f64 {
-        known
-            .iter()
-            .map(|&(i, square, variance)| {
-                let total = variance + 1.0 / prior.precision(i);
-                total.ln() + square / total
-            })
-            .sum()
-    };
     let mut best = (f64::INFINITY, SpectralPrior::flat(mean_light));
     for corner in [
         f64::INFINITY,
@@ -202,17 +244,39 @@ fn independent_choice(coefficients: usize, weak: &Posterior, mean_light: f64) ->
         32.0,
         48.0,
     ] {
-        for steepness in [1, 2, 4, 8, 16] {
+        for steepness in [1, 3, 10] {
+            // Precisions for τ = 1; an infinite corner is flat whatever the steepness.
+            if corner.is_infinite() && steepness > 1 {
+                continue;
+            }
+            let unit = SpectralPrior {
+                deviation: 1.0,
+                corner,
+                steepness,
+            };
+            let spread: Vec<f64> = known
+                .iter()
+                .map(|&(i, ..)| unit.precision(i).recip())
+                .collect();
             for step in 0..=24 {
                 let deviation = mean_light * 10f64.powf(-f64::from(step) / 4.0);
-                let prior = SpectralPrior {
-                    deviation,
-                    corner,
-                    steepness,
-                };
-                let c = cost(&prior);
-                if c < best.0 {
-                    best = (c, prior);
+                let cost: f64 = known
+                    .iter()
+                    .zip(&spread)
+                    .map(|(&(_, square, variance), spread)| {
+                        let total = variance + deviation * deviation * spread;
+                        total.ln() + square / total
+                    })
+                    .sum();
+                if cost < best.0 {
+                    best = (
+                        cost,
+                        SpectralPrior {
+                            deviation,
+                            corner,
+                            steepness,
+                        },
+                    );
                 }
             }
         }

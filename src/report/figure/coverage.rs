@@ -1,6 +1,6 @@
 //! Which part of the (α, θo′) plane the photographs saw.
 
-use super::{FULL, Figure, Panel, cell_image, cell_table, light_field_axes};
+use super::{Detail, FULL, Figure, Panel, cell_image, cell_table, light_field_axes};
 use crate::error::Result;
 use crate::pipeline::Run;
 use crate::report::number::{percent, trimmed};
@@ -21,7 +21,7 @@ pub fn coverage(run: &Run) -> Result<Figure> {
     let mut panels = Vec::new();
     let mut images = Vec::new();
     for channel in channels.into_iter().filter(|c| *c < field.weight.len()) {
-        let image = cell_image(field, channel, run.limb_cut, 1, |k| {
+        let image = cell_image(field, channel, run.limb_cut, Detail::Gaps, |k| {
             f64::from(field.weight[channel][k])
         });
         let (low, high) = bounds(image.values.iter().copied());
@@ -51,7 +51,7 @@ pub fn coverage(run: &Run) -> Result<Figure> {
             map: ColourMap::Cividis,
             label: "pixels per cell".to_owned(),
             height: 200.0,
-            sigma: None,
+            read_out: None,
         };
         panels.push(Panel {
             name,

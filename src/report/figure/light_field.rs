@@ -1,13 +1,13 @@
 //! The measured light field and its standard deviation as images.
 
 use super::{
-    CellImage, FULL, Figure, Panel, cell_image, cell_table, channel_note, image_channels,
+    CellImage, Detail, FULL, Figure, Panel, cell_image, cell_table, channel_note, image_channels,
     light_field_axes, merge_note,
 };
 use crate::error::Result;
 use crate::pipeline::Run;
 use crate::report::number::{short, trimmed};
-use crate::report::plot::{ColourMap, HeatMap, Scale, quantile};
+use crate::report::plot::{ColourMap, HeatMap, ReadOut, Scale, quantile};
 
 /// B(α, θo′), a panel per channel.
 ///
@@ -18,8 +18,14 @@ pub fn light_field(run: &Run) -> Result<Figure> {
     let mut panels = Vec::new();
     let mut images = Vec::new();
     let mut note = String::new();
+    // One channel may show every cell; several would make a heavy page.
+    let detail = if field.channels.len() == 1 {
+        Detail::Fine
+    } else {
+        Detail::Coarse
+    };
     for channel in image_channels(field.channels.len()) {
-        let image = cell_image(field, channel, run.limb_cut, 24, |k| {
+        let image = cell_image(field, channel, run.limb_cut, detail, |k| {
             f64::from(field.mean[channel][k])
         });
         let largest = quantile(image.values.iter().copied(), 1.0);
@@ -52,12 +58,7 @@ pub fn light_field(run: &Run) -> Result<Figure> {
             map: ColourMap::Viridis,
             label: format!("B / {}", run.radiance_unit),
             height: 300.0,
-            sigma: Some(
-                cell_image(field, channel, run.limb_cut, 24, |k| {
-                    f64::from(field.sigma[channel][k])
-                })
-                .values,
-            ),
+            read_out: Some(read_out(run, channel)),
         };
         panels.push(Panel {
             name: name.clone(),
@@ -93,7 +94,7 @@ pub fn sigma(run: &Run) -> Result<Figure> {
     let mut panels = Vec::new();
     let mut images = Vec::new();
     for channel in image_channels(field.channels.len()) {
-        let image = cell_image(field, channel, run.limb_cut, 24, |k| {
+        let image = cell_image(field, channel, run.limb_cut, Detail::Coarse, |k| {
             f64::from(field.sigma[channel][k])
         });
         let positive = || image.values.iter().copied().filter(|v| *v > 0.0);
@@ -121,7 +122,7 @@ pub fn sigma(run: &Run) -> Result<Figure> {
             map: ColourMap::Cividis,
             label: format!("σ / {}", run.radiance_unit),
             height: 220.0,
-            sigma: None,
+            read_out: None,
         };
         panels.push(Panel {
             name: name.clone(),
@@ -140,6 +141,22 @@ pub fn sigma(run: &Run) -> Result<Figure> {
         table: table(&images, "light_field.exr"),
         wide: true,
     })
+}
+
+/// Values and σ for the pointer, coarse: a hand does not aim finer.
+fn read_out(run: &Run, channel: usize) -> ReadOut {
+    let field = &run.light_field;
+    let image = |layer: &[Vec<f32>]| {
+        cell_image(field, channel, run.limb_cut, Detail::Coarse, |k| {
+            f64::from(layer[channel][k])
+        })
+    };
+    let values = image(&field.mean);
+    ReadOut {
+        cells: [values.columns, values.rows],
+        values: values.values,
+        sigma: image(&field.sigma).values,
+    }
 }
 
 fn table(images: &[(String, CellImage)], file: &str) -> crate::report::table::Table {

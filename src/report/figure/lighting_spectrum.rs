@@ -120,7 +120,9 @@ fn draw(run: &Run, channel: &ChannelEstimate, size: Size) -> String {
         if c.sigma.is_finite() {
             plot.error_bar(p as f64, (size - c.sigma).max(0.0), size + c.sigma, class);
         }
-        plot.point(p as f64, size.max(y.low() * 1.05), mark, class);
+        // What is zero has no logarithm: its mark stands at the lower edge.
+        let lowest = y.low() * (y.high() / y.low()).powf(0.025);
+        plot.point(p as f64, size.max(lowest), mark, class);
     }
     let count = |status| {
         channel

@@ -71,7 +71,7 @@ pub struct Panel {
 const FULL: [Size; 2] = [Size::Wide, Size::Narrow];
 
 /// At most this many channels get their own image; of more, an even choice is shown.
-const IMAGE_CHANNELS: usize = 4;
+const IMAGE_CHANNELS: usize = 3;
 
 /// The channels shown as images.
 fn image_channels(count: usize) -> Vec<usize> {
@@ -118,6 +118,20 @@ fn light_field_axes(size_step: f64) -> (Axis, Axis) {
     )
 }
 
+/// How closely an image follows the cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Detail {
+    /// Up to 720 columns, gaps shown as they are.
+    Gaps,
+    /// Up to 720 columns, gaps closed.
+    Fine,
+    /// Up to 360 columns, gaps closed.
+    Coarse,
+}
+
+/// Cells of α that may share a pixel: 12° of the usual grid, the spacing of 30 views.
+const MOST_MERGED: usize = 24;
+
 /// A quantity of the light field's cells laid out as an image: θo′ upwards, α to the right.
 struct CellImage {
     columns: usize,
@@ -130,12 +144,13 @@ struct CellImage {
 
 /// Lays out `value(cell index)` over the plane. Where views are far apart most cells are empty, and an
 /// image of them would be thin lines: neighbours in α are then merged (mean over those seen), by the
-/// smallest factor after which nine tenths of what can be seen is filled, up to `most`.
+/// smallest factor after which nine tenths of what can be seen is filled. There are at most 180 rows, and
+/// columns as `detail` says: more than a page shows would only cost bytes.
 fn cell_image(
     field: &LightField,
     channel: usize,
     limb_cut: f64,
-    most: usize,
+    detail: Detail,
     value: impl Fn(usize) -> f64,
 ) -> CellImage {
     let grid = field.grid;
@@ -146,21 +161,33 @@ fn cell_image(
             .and_then(|w| w.get(grid.index(i, j)))
             .is_some_and(|w| *w > 0.0)
     };
-    // More columns than the page has pixels would only cost bytes.
-    let least = grid.normals.div_ceil(720).max(1);
-    let local_step = grid.locals.div_ceil(360).max(1);
+    let widest = if detail == Detail::Coarse { 360 } else { 720 };
+    let least = grid.normals.div_ceil(widest).max(1);
+    let most = if detail == Detail::Gaps {
+        least
+    } else {
+        MOST_MERGED.max(least)
+    };
+    let local_step = grid.locals.div_ceil(180).max(1);
+    let visible: Vec<usize> = (0..grid.locals)
+        .filter(|&j| grid.local(j).rad().abs() <= limb_cut)
+        .collect();
     let filled = |factor: usize| {
-        let (mut full, mut all) = (0usize, 0usize);
-        for j in (0..grid.locals).filter(|&j| grid.local(j).rad().abs() <= limb_cut) {
-            for start in (0..grid.normals).step_by(factor) {
-                all += 1;
-                full +=
-                    usize::from((start..(start + factor).min(grid.normals)).any(|i| seen(i, j)));
+        let mut may_be_empty = visible.len() * grid.normals.div_ceil(factor) / 10;
+        for start in (0..grid.normals).step_by(factor) {
+            let end = (start + factor).min(grid.normals);
+            for &j in &visible {
+                if !(start..end).any(|i| seen(i, j)) {
+                    if may_be_empty == 0 {
+                        return false;
+                    }
+                    may_be_empty -= 1;
+                }
             }
         }
-        full as f64 >= 0.9 * all as f64
+        true
     };
-    let factors = (least..=most.max(least)).filter(|f| grid.normals.is_multiple_of(*f));
+    let factors = (least..=most).filter(|f| grid.normals.is_multiple_of(*f));
     let merged = factors
         .clone()
         .find(|&f| filled(f))
@@ -236,5 +263,64 @@ fn cell_table(images: &[(String, &CellImage)], note: &str) -> Table {
         columns,
         rows,
         note: note.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Grid;
+
+    /// A field seen at every `every`-th diagonal, with the value α + 1000·θo′ in degrees.
+    fn diagonals(every: usize) -> LightField {
+        let grid = Grid {
+            normals: 360,
+            locals: 180,
+        };
+        let mut field = LightField::empty(grid, vec!["Y".to_owned()]);
+        for i in 0..grid.normals {
+            for j in 0..grid.locals {
+                if (i + j) % every == 0 {
+                    let k = grid.index(i, j);
+                    field.mean[0][k] = (grid.normal(i).deg() + 1000.0 * grid.local(j).deg()) as f32;
+                    field.weight[0][k] = 1.0;
+                }
+            }
+        }
+        field
+    }
+
+    #[test]
+    fn an_image_has_theta_upwards_alpha_to_the_right_and_no_lines_of_holes() {
+        for every in [1, 5, 12] {
+            let field = diagonals(every);
+            let image = cell_image(&field, 0, 1.4, Detail::Fine, |k| {
+                f64::from(field.mean[0][k])
+            });
+            assert_eq!(image.merged, every);
+            assert_eq!([image.columns, image.rows], [360 / every, 180]);
+            assert!(image.values.iter().all(|v| v.is_finite()));
+            let table = cell_table(&[("B".to_owned(), &image)], "");
+            for row in &table.rows {
+                let [
+                    Cell::Fixed(alpha, _),
+                    Cell::Fixed(local, _),
+                    Cell::Number(value),
+                ] = row[..]
+                else {
+                    panic!("{row:?}")
+                };
+                // Exactly one seen cell of the merged ones, at most half their width away in α.
+                let off = value - (alpha + 1000.0 * local);
+                assert!(off.abs() <= every as f64 / 2.0, "{alpha} {local} {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn many_channels_are_shown_by_an_even_choice() {
+        assert_eq!(image_channels(3), [0, 1, 2]);
+        assert_eq!(image_channels(31), [0, 15, 30]);
+        assert!(channel_note(31).contains("31"));
     }
 }

@@ -1,8 +1,8 @@
 //! What the fit leaves unexplained.
 
 use super::{
-    FULL, Figure, Panel, cell_image, cell_table, channel_note, image_channels, light_field_axes,
-    merge_note,
+    Detail, FULL, Figure, Panel, cell_image, cell_table, channel_note, image_channels,
+    light_field_axes, merge_note,
 };
 use crate::error::Result;
 use crate::light_field::LightField;
@@ -24,7 +24,7 @@ pub fn residual_image(run: &Run) -> Result<Option<Figure>> {
     let mut panels = Vec::new();
     let mut images = Vec::new();
     for channel in image_channels(field.channels.len()) {
-        let image = cell_image(field, channel, run.limb_cut, 24, |k| {
+        let image = cell_image(field, channel, run.limb_cut, Detail::Coarse, |k| {
             f64::from(field.mean[channel][k])
         });
         let limit = quantile(image.values.iter().map(|v| v.abs()), 0.995);
@@ -46,7 +46,7 @@ pub fn residual_image(run: &Run) -> Result<Option<Figure>> {
             map: ColourMap::Vik,
             label: format!("residual / {}", run.radiance_unit),
             height: 220.0,
-            sigma: None,
+            read_out: None,
         };
         panels.push(Panel {
             name: name.clone(),

@@ -146,7 +146,7 @@ pub fn coefficient_image(run: &Run) -> Result<Option<Figure>> {
             map: ColourMap::Viridis,
             label: format!("|B_[pq]| / {}", run.radiance_unit),
             height: 300.0,
-            sigma: None,
+            read_out: None,
         };
         let alt = format!(
             "Magnitudes of the coefficients B_pq of channel {}, logarithmic over five decades.",

@@ -99,10 +99,13 @@ impl Plot {
             .map(|t| text_width(&t.label))
             .fold(0.0, f64::max);
         let (top, bottom) = (22.0, 46.0);
+        let left = (widest + 14.0).max(34.0);
+        let mut x = x;
+        thin_labels(&mut x.ticks, size.width() - left - 12.0);
         Self {
             size,
             height: plot_height + top + bottom,
-            left: (widest + 14.0).max(34.0),
+            left,
             right: 12.0,
             top,
             bottom,
@@ -354,6 +357,26 @@ impl Plot {
             y += 18.0;
         }
         out
+    }
+}
+
+/// Takes every other label away until they do not touch on an axis of this length.
+fn thin_labels(ticks: &mut [Tick], length: f64) {
+    loop {
+        let labelled: Vec<usize> = (0..ticks.len())
+            .filter(|&i| !ticks[i].label.is_empty())
+            .collect();
+        let crowded = labelled.windows(2).any(|pair| {
+            let (a, b) = (&ticks[pair[0]], &ticks[pair[1]]);
+            let wanted = (text_width(&a.label) + text_width(&b.label)) / 2.0 + 8.0;
+            (b.at - a.at).abs() * length < wanted
+        });
+        if !crowded || labelled.len() < 3 {
+            return;
+        }
+        for index in labelled.into_iter().skip(1).step_by(2) {
+            ticks[index].label.clear();
+        }
     }
 }
 

@@ -189,9 +189,8 @@ fn encode(cells: [usize; 2], bytes: &[u8], palette: Option<Vec<u8>>) -> Result<S
     let mut out = Vec::new();
     let mut encoder = png::Encoder::new(&mut out, cells[0] as u32, cells[1] as u32);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::Balanced);
-    // Indices of a palette have no neighbourhood that a filter could use; noise has none either.
-    encoder.set_filter(png::Filter::NoFilter);
+    // A tenth larger than the balanced level, in a third of the time.
+    encoder.set_compression(png::Compression::Fast);
     if let Some(palette) = palette {
         encoder.set_color(png::ColorType::Indexed);
         encoder.set_palette(palette);
@@ -199,6 +198,8 @@ fn encode(cells: [usize; 2], bytes: &[u8], palette: Option<Vec<u8>>) -> Result<S
     } else {
         encoder.set_color(png::ColorType::Rgb);
     }
+    // Indices of a palette have no neighbourhood that a filter could use; noise has none either.
+    encoder.set_filter(png::Filter::NoFilter);
     let mut writer = encoder.write_header().map_err(failed)?;
     writer.write_image_data(bytes).map_err(failed)?;
     writer.finish().map_err(failed)?;
@@ -281,6 +282,42 @@ mod tests {
         let [r, g, b] = ColourMap::Viridis.at(0.0);
         assert_eq!(image.get_pixel(0, 0).0, [r, g, b, 255]);
         assert!(indexed_png(&values, 3, 2, &Scale::linear(0.0, 1.0), ColourMap::Vik).is_err());
+        Ok(())
+    }
+
+    #[test]
+    fn packed_values_come_back_within_their_step() -> Result<()> {
+        let values: Vec<f64> = (0..100).map(|k| 0.02 + 0.05 * f64::from(k)).collect();
+        let mut sigma: Vec<f64> = values.iter().map(|v| 0.01 * v.sqrt()).collect();
+        sigma[7] = 0.0;
+        let mut holed = values.clone();
+        holed[3] = f64::NAN;
+        let packed = packed_png(&holed, &sigma, [10, 10])?;
+        let bytes = decode_base64(packed.uri.trim_start_matches("data:image/png;base64,"));
+        let image = image::load_from_memory(&bytes).expect("a PNG").to_rgb8();
+        let [low, high] = packed.values;
+        let ratio = packed.sigma[1] / packed.sigma[0];
+        for (k, pixel) in image.pixels().enumerate() {
+            let [r, g, b] = pixel.0;
+            if k == 3 {
+                assert_eq!(b, 0);
+                continue;
+            }
+            let t = f64::from(u16::from(r) << 4 | u16::from(g) >> 4) / 4095.0;
+            let value = low + (high - low) * t * t;
+            // Half a step of t moves t² by t/4095 and a little more at zero.
+            let step = (high - low) * (t / 4095.0 + 0.25 / 4095.0f64.powi(2));
+            assert!(
+                (value - values[k]).abs() <= 1.001 * step,
+                "{value} {}",
+                values[k]
+            );
+            if sigma[k] > 0.0 {
+                let s = packed.sigma[0] * ratio.powf(f64::from(b - 1) / 254.0);
+                // Half a step of 254 over the logarithmic range.
+                assert!((s / sigma[k]).ln().abs() <= 0.501 * ratio.ln() / 254.0);
+            }
+        }
         Ok(())
     }
 

@@ -29,8 +29,19 @@ pub struct HeatMap {
     pub label: String,
     /// Height of the plot area.
     pub height: f64,
-    /// σ of each value, for the read-out under the pointer.
-    pub sigma: Option<Vec<f64>>,
+    /// Values with σ for the read-out under the pointer; without them it reads the colours.
+    pub read_out: Option<ReadOut>,
+}
+
+/// Values and σ over the same axes as the image, maybe on a coarser grid.
+#[derive(Debug)]
+pub struct ReadOut {
+    /// Number of columns and rows.
+    pub cells: [usize; 2],
+    /// Row-major, the top row first; what is not finite is missing.
+    pub values: Vec<f64>,
+    /// σ of each value.
+    pub sigma: Vec<f64>,
 }
 
 impl HeatMap {
@@ -64,12 +75,23 @@ impl HeatMap {
             self.colours.high(),
             escape(&self.label)
         );
-        if let Some(sigma) = &self.sigma {
-            let packed = packed_png(&self.values, sigma, self.cells)?;
+        if let Some(read_out) = &self.read_out {
+            let ReadOut {
+                cells,
+                values,
+                sigma,
+            } = read_out;
+            let packed = packed_png(values, sigma, *cells)?;
             let _ = write!(
                 out,
-                " data-values=\"{}\" data-p0=\"{}\" data-p1=\"{}\" data-s0=\"{}\" data-s1=\"{}\"",
-                packed.uri, packed.values[0], packed.values[1], packed.sigma[0], packed.sigma[1]
+                " data-values=\"{}\" data-columns=\"{}\" data-rows=\"{}\" data-p0=\"{}\" data-p1=\"{}\" data-s0=\"{}\" data-s1=\"{}\"",
+                packed.uri,
+                cells[0],
+                cells[1],
+                packed.values[0],
+                packed.values[1],
+                packed.sigma[0],
+                packed.sigma[1]
             );
         }
         Ok(out)

@@ -12,7 +12,7 @@ pub mod scale;
 
 pub use cartesian::{Axis, Legend, Mark, Plot};
 pub use colour::{ColourMap, data_uri};
-pub use heat_map::HeatMap;
+pub use heat_map::{HeatMap, ReadOut};
 pub use polar::Polar;
 pub use scale::{Scale, bounds, quantile};
 
@@ -160,4 +160,46 @@ pub fn path_data(points: impl IntoIterator<Item = (f64, f64)>) -> String {
 /// Width of a text of 13 units' height, roughly: enough to lay out legends.
 pub fn text_width(text: &str) -> f64 {
     7.0 * text.chars().count() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn subscripts_are_set_and_everything_else_is_text() {
+        assert_eq!(html_text("|B_[pq]| < 1"), "|B<sub>pq</sub>| &lt; 1");
+        assert_eq!(html_text("a_[<b>"), "a_[&lt;b&gt;");
+        assert_eq!(html_text("x_[<i>]_["), "x<sub>&lt;i&gt;</sub>_[");
+        assert_eq!(escape("\"'&"), "&quot;&#39;&amp;");
+    }
+
+    #[test]
+    fn a_path_is_broken_where_a_value_is_missing() {
+        let points = [(0.0, 1.0), (1.0, 2.04), (f64::NAN, 0.0), (3.0, -0.01)];
+        assert_eq!(path_data(points), "M0 1L1 2M3 0");
+    }
+
+    #[test]
+    fn a_point_lies_where_its_axes_say() {
+        let x = Axis::degrees("x", -180.0, 180.0, 90.0);
+        let y = Axis::new("y", Scale::log(1e-4, 1.0), 4);
+        let mut plot = Plot::new(Size::Half, 200.0, x, y);
+        let [_, _, width, _] = plot.area();
+        plot.point(90.0, 1e-2, Mark::Disc, "s-a");
+        let svg = plot.finish("", "");
+        // Three quarters along x; half way down of four decades.
+        let place = format!("cx=\"{}\" cy=\"100\"", coordinate(0.75 * width));
+        assert!(svg.contains(&place), "{place} in {svg}");
+    }
+
+    #[test]
+    fn light_from_above_is_drawn_above() {
+        let mut polar = Polar::new(Size::Half, Scale::linear(0.0, 1.0), "L");
+        let quarter = std::f64::consts::FRAC_PI_2;
+        polar.curve(&[(0.0, 1.0), (quarter, 1.0)], "s-a");
+        let svg = polar.finish("");
+        // Radius 430/2 − 44 = 171 about (215, 221): right edge (386, 221), top (215, 50).
+        assert!(svg.contains("d=\"M386 221L215 50Z\""), "{svg}");
+    }
 }

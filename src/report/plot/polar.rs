@@ -31,7 +31,14 @@ impl Polar {
             over: String::new(),
         };
         let [cx, cy] = centre;
-        for tick in scale.ticks(3).iter().filter(|t| t.at > 0.0) {
+        let _ = write!(
+            polar.body,
+            "<circle class=\"plot-back\" cx=\"{0}\" cy=\"{1}\" r=\"{2}\"/><circle class=\"rim-line\" cx=\"{0}\" cy=\"{1}\" r=\"{2}\"/>",
+            coordinate(cx),
+            coordinate(cy),
+            coordinate(radius)
+        );
+        for tick in scale.ticks(4).iter().filter(|t| t.at > 0.0) {
             let _ = write!(
                 polar.body,
                 "<circle class=\"grid\" cx=\"{}\" cy=\"{}\" r=\"{}\"/>",

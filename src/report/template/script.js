@@ -2,13 +2,14 @@
 /* Values under the pointer. The page is complete without it. */
 (() => {
   const box = document.getElementById("readout");
-  const number = (v) => {
+  const number = (v, digits = 4) => {
     if (!Number.isFinite(v)) return "—";
     if (v === 0) return "0";
     const size = Math.abs(v);
-    const text = size >= 1e-3 && size < 1e6 ? v.toPrecision(4) : v.toExponential(3);
-    return text.replace("-", "−");
+    const text = size >= 1e-3 && size < 1e6 ? v.toPrecision(digits) : v.toExponential(digits - 1);
+    return text.replaceAll("-", "−");
   };
+  const angle = (v) => v.toFixed(2).replace("-", "−");
   const show = (event, text) => {
     box.textContent = text;
     box.hidden = false;
@@ -82,16 +83,18 @@
     const columns = +image.getAttribute("width");
     const rows = +image.getAttribute("height");
     const d = image.dataset;
-    const at = 4 * (row * columns + column);
     if (d.values) {
-      const p = pixels(d.values, columns, rows);
+      const scaled = [Math.floor((column + 0.5) / columns * d.columns), Math.floor((row + 0.5) / rows * d.rows)];
+      const at = 4 * (scaled[1] * d.columns + scaled[0]);
+      const p = pixels(d.values, +d.columns, +d.rows);
       if (!p) return "…";
       if (p[at + 2] === 0) return "not seen";
       const t = ((p[at] << 4) | (p[at + 1] >> 4)) / 4095;
       const value = +d.p0 + (d.p1 - d.p0) * t * t;
       const sigma = d.s0 * Math.pow(d.s1 / d.s0, (p[at + 2] - 1) / 254);
-      return `${number(value)} ± ${number(sigma)}`;
+      return `${number(value)} ± ${number(sigma, 2)}`;
     }
+    const at = 4 * (row * columns + column);
     const p = pixels(image.getAttribute("href"), columns, rows);
     if (!p) return "…";
     if (p[at + 3] === 0) return "not seen";
@@ -126,8 +129,8 @@
       show(event, `p ${Math.round(x)}, q ${Math.round(y)}\n|Bpq| ${value}`);
       return;
     }
-    let text = `α ${number(x)}°, θo′ ${number(y)}°\n${value}`;
-    const view = value === "not seen" ? null : nearestView(x + y);
+    let text = `α ${angle(x)}°, θo′ ${angle(y)}°\n${value}`;
+    const view = value === "not seen" || value === "…" ? null : nearestView(x + y);
     if (view !== null) text += `\nnearest view ${view}`;
     show(event, text);
   };
@@ -155,7 +158,7 @@
       const raw = best.row[i];
       let text = raw !== "" && Number.isFinite(+raw) ? number(+raw) : raw || "—";
       const sigma = column.startsWith("L_") ? columns.indexOf(`sigma_${column.slice(2)}`) : -1;
-      if (sigma >= 0) text += ` ± ${number(+best.row[sigma])}`;
+      if (sigma >= 0) text += ` ± ${number(+best.row[sigma], 2)}`;
       lines.push(`${column.replace("_deg", " / degrees")}  ${text}`);
     });
     show(event, lines.join("\n"));
@@ -165,6 +168,7 @@
     const area = event.target instanceof Element ? event.target.closest(".area") : null;
     if (!area || !(area.dataset.image || area.dataset.curve)) { hide(); return; }
     const r = area.getBoundingClientRect();
+    if (!(r.width > 0 && r.height > 0)) { hide(); return; }
     const fx = Math.min(1, Math.max(0, (event.clientX - r.left) / r.width));
     const fy = Math.min(1, Math.max(0, (event.clientY - r.top) / r.height));
     if (area.dataset.image) readImage(event, area, fx, fy);
