@@ -339,7 +339,7 @@ pub struct SpectrumRow {
     pub p: usize,
     /// L_p (eq. 6), W m⁻² rad⁻¹.
     pub value: Complex64,
-    /// Standard deviation of L_p (of the modulus of its error); `None` if unknown.
+    /// Standard deviation of the real and of the imaginary part of L_p; `None` if unknown.
     pub sigma: Option<f64>,
     /// How well it is determined.
     pub status: Status,

@@ -24,6 +24,9 @@ pub fn value(
     local: LocalAngle,
 ) -> f64 {
     let mut sum = from_sources(lighting, channel, brdf, normal, local);
+    if lighting.table.is_empty() && lighting.smooth.is_empty() {
+        return sum;
+    }
     let order = lighting.smooth.get(channel).map_or(0, |s| s.order());
     let knots = table_knots(lighting, channel, normal);
     let ends = panel_ends(brdf, local, order, knots);
