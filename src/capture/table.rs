@@ -165,6 +165,21 @@ impl<'a> Section<'a> {
         text
     }
 
+    /// A text, or nothing if the key is absent or something else.
+    pub(crate) fn word(&self, key: &'static str) -> Option<&'a str> {
+        self.raw(key)?.get_ref().as_str()
+    }
+
+    /// `true` or `false`.
+    pub(crate) fn boolean(&self, key: &'static str) -> Option<bool> {
+        let value = self.raw(key)?.get_ref();
+        let boolean = value.as_bool();
+        if boolean.is_none() {
+            self.wrong_type(key, "true or false", value);
+        }
+        boolean
+    }
+
     /// A finite number.
     pub(crate) fn number(&self, key: &'static str) -> Option<f64> {
         let value = self.raw(key)?.get_ref();
