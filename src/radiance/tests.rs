@@ -434,3 +434,47 @@ fn a_12_bit_code_in_16_bits_rounds_in_its_own_steps() {
             .all(|&v| (v / (256.0 / 12.0) - 1.0).abs() < 1e-6)
     );
 }
+
+#[test]
+fn the_rendered_test_photographs_are_sound() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("testdata");
+    let mut sets = 0;
+    for entry in std::fs::read_dir(root).unwrap() {
+        let folder = entry.unwrap().path();
+        if !folder.join("capture.toml").exists() {
+            continue;
+        }
+        sets += 1;
+        let capture = Capture::read(&folder).unwrap();
+        let findings = crate::capture::check(&capture);
+        assert!(
+            findings.faults.is_empty(),
+            "{folder:?}: {:?}",
+            findings.faults
+        );
+        let height = capture.camera.image_size[1];
+        for index in [0, capture.views.len() - 1] {
+            let radiance = view(&capture, index, 0..height).unwrap();
+            for (value, variance) in radiance.value.iter().zip(&radiance.variance) {
+                assert!(
+                    variance.iter().all(|v| v.is_finite() && *v > 0.0),
+                    "{folder:?}"
+                );
+                let brightest = value.iter().fold(0.0_f32, |a, &v| a.max(v));
+                assert!(
+                    brightest > 0.0 && value.iter().all(|&v| v >= 0.0),
+                    "{folder:?}"
+                );
+                // Half floats round by at most 2^-11 of a value, uniformly.
+                let worst = value
+                    .iter()
+                    .zip(variance)
+                    .filter(|(v, _)| **v > 0.01 * brightest)
+                    .map(|(v, s)| (12.0 * s).sqrt() / v)
+                    .fold(0.0_f32, f32::max);
+                assert!(worst <= 2_f32.powi(-10), "{folder:?}: {worst}");
+            }
+        }
+    }
+    assert!(sets > 0);
+}
