@@ -7,7 +7,8 @@ use num_complex::Complex64;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{figure, page};
+use super::figure::lighting_curve::beside_sources;
+use super::page;
 use crate::angle::{LocalAngle, WorldAngle, wrap};
 use crate::brdf::{Brdf, transfer_row};
 use crate::error::Result;
@@ -499,7 +500,7 @@ fn a_dense_noisy_field_still_fits_into_the_size_of_a_page() -> Result<()> {
 fn the_curve_beside_a_source_is_the_smooth_light_alone() {
     let estimate = lighting();
     for (c, channel) in estimate.channels.iter().enumerate() {
-        for at in figure::beside_sources(&estimate, channel) {
+        for at in beside_sources(&estimate, channel) {
             let theta = at.theta_deg.to_radians();
             let sky = FILL[c] * (1.0 + 0.8 * (theta - 1.2).cos() + 0.2 * (3.0 * theta).sin());
             // Both are the same closed form, but for rounding.

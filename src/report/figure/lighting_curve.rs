@@ -133,13 +133,13 @@ pub fn lighting_curve(run: &Run) -> Option<Figure> {
             let line: Vec<_> = points().map(|p| (p.theta_deg, p.value)).collect();
             plot.line(&line, class);
         }
-        for source in &lighting.sources {
+        for (row, source) in lighting.sources.iter().enumerate() {
             let words = if size.is_wide() || lighting.sources.len() == 1 {
                 format!("{}°", with_sigma(source.theta_deg, source.theta_sigma_deg))
             } else {
                 String::new()
             };
-            plot.vertical(source.theta_deg, "source", &words);
+            plot.vertical(source.theta_deg, "source", &words, row % 8);
         }
         let names: Vec<&str> = lighting.channels.iter().map(|c| c.name.as_str()).collect();
         plot.finish(

@@ -5,7 +5,7 @@
 
 mod coverage;
 mod light_field;
-mod lighting_curve;
+pub mod lighting_curve;
 mod lighting_polar;
 mod lighting_spectrum;
 mod photos;
@@ -16,7 +16,7 @@ mod spectrum;
 
 pub use coverage::coverage;
 pub use light_field::{light_field, sigma};
-pub use lighting_curve::{beside_sources, lighting_curve};
+pub use lighting_curve::lighting_curve;
 pub use lighting_polar::lighting_polar;
 pub use lighting_spectrum::lighting_spectrum;
 pub use photos::photos;

@@ -77,7 +77,7 @@ fn draw(choice: &RegularisationChoice, name: &str, class: &str) -> String {
         Axis::new(format!("criterion ({})", choice.criterion), y, 5),
     );
     plot.line(&choice.curve, class);
-    plot.vertical(choice.strength, "chosen", "chosen");
+    plot.vertical(choice.strength, "chosen", "chosen", 0);
     plot.finish(
         &format!(
             "Criterion {} against the strength of the regularisation for channel {name}; the chosen strength is {}.",
