@@ -149,7 +149,10 @@ pub fn learn(information: &Information, longest: f64, noise_floor: f64) -> Resul
     let h2 = basis.spacing().powi(2);
     let start = level.fit(&shape(1e-4 * mean_information / h2), noise)?;
     let size = level.penalties.values(&start.x)[0].max(f64::MIN_POSITIVE);
-    let mut smoothness = shape(0.1 * n as f64 / size);
+    // A prior may at most be a hundred million times as strong as the samples, or a black object would make it
+    // infinite.
+    let strongest = 1e8 * mean_information / h2;
+    let mut smoothness = shape((0.1 * n as f64 / size).min(strongest));
     for _ in 0..14 {
         let fit = level.fit(&smoothness, noise)?;
         let prior_traces = level.traces(&level.prior(&smoothness)?);
@@ -161,8 +164,9 @@ pub fn learn(information: &Information, longest: f64, noise_floor: f64) -> Resul
             // A floor keeps a step finite where the data say nothing about this form.
             let determined = (prior_traces[k] - traces[k]).max(1e-3 * prior_traces[k]);
             let ratio = determined / (before[k] * values[k]).max(f64::MIN_POSITIVE) * before[k];
-            after[k] = before[k] * (ratio).clamp(1.0 / 30.0, 30.0);
+            after[k] = before[k] * ratio.clamp(1.0 / 30.0, 30.0);
         }
+        after[0] = after[0].min(strongest);
         let after = limited(after, basis.spacing(), longest);
         smoothness = Smoothness::from_weights(after);
         let parameters = n as f64 - weighted(&Smoothness::from_weights(before), &traces);
