@@ -9,7 +9,7 @@ use super::basis::Basis;
 use super::estimate::{Coefficient, Status};
 use super::information::Information;
 use super::posterior::{self, Posterior};
-use super::prior::{Factor, Penalties, Smoothness};
+use super::prior::{Factor, Penalties, Relief, Smoothness};
 use super::{COARSE, spectrum};
 use crate::Result;
 
@@ -50,6 +50,7 @@ pub struct Fit {
     /// Factor on all variances.
     pub noise: f64,
     smoothness: Smoothness,
+    relief: Relief,
 }
 
 /// Values on a grid of cells, \[θi′\]\[θo′\], size².
@@ -75,13 +76,15 @@ impl Fit {
     pub fn new(
         information: Information,
         smoothness: Smoothness,
+        relief: Relief,
         non_negative: bool,
     ) -> Result<Self> {
-        let penalties = Penalties::new(information.basis);
+        let penalties = Penalties::new(information.basis, &relief);
         let pairs = information.basis.pairs() as f64;
         let count = information.count as f64;
         let solve = |noise: f64| -> Result<(Posterior, f64, f64)> {
-            let posterior = Posterior::new(&information, &smoothness, noise, non_negative)?;
+            let posterior =
+                Posterior::new(&information, &penalties, &smoothness, noise, non_negative)?;
             let chi_square = information.chi_square(&posterior.mean);
             let parameters = pairs - penalties.trace(&smoothness, &posterior.covariance);
             Ok((posterior, chi_square, parameters))
@@ -103,6 +106,7 @@ impl Fit {
             parameters,
             noise,
             smoothness,
+            relief,
         })
     }
 
@@ -115,7 +119,7 @@ impl Fit {
     fn prior(&self) -> Result<(Basis, Factor)> {
         let basis = Basis::new(COARSE.min(self.basis().intervals()));
         let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
-        Penalties::new(basis).add_dense(&self.smoothness, &mut matrix);
+        Penalties::new(basis, &self.relief).add_dense(&self.smoothness, &mut matrix);
         Ok((basis, Factor::new(&matrix)?))
     }
 
@@ -138,7 +142,8 @@ impl Fit {
         }
         let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let mut matrix = self.information.dense(1.0 / self.noise);
-        Penalties::new(self.basis()).add_dense(&vague(self.basis(), largest), &mut matrix);
+        Penalties::new(self.basis(), &Relief::flat(self.basis()))
+            .add_dense(&vague(self.basis(), largest), &mut matrix);
         let vague = Factor::new(&matrix)?;
         drop(matrix);
         let free = vague.inverse();

@@ -54,7 +54,7 @@ pub use estimate::{BrdfEstimate, Coefficient, Slice, Status};
 pub use evidence::CurvePoint;
 use fit::{Fit, vague};
 use information::{Illumination, Information};
-use posterior::Posterior;
+use prior::Relief;
 pub use prior::Smoothness;
 
 /// Intervals of the splines on which the prior's weights are learnt.
@@ -228,13 +228,22 @@ fn recover_channel(
         }
         Regularisation::Factor(f) => learnt.smoothness.times(f),
         Regularisation::Fixed(s) => s,
-        Regularisation::None => vague(coarse_basis, largest_of(&coarse, &learnt)?),
+        Regularisation::None => vague(coarse_basis, learnt.largest),
+    };
+    let relief = match options.regularisation {
+        Regularisation::Fixed(_) | Regularisation::None => Relief::flat(coarse_basis),
+        _ => learnt.relief,
     };
     let fit = |intervals: usize| -> Result<Fit> {
         let basis = Basis::new(intervals);
         let light = Illumination::new(basis, lighting, light_channel);
         let information = Information::new(samples, channel, &light);
-        Fit::new(information, smoothness, options.non_negative)
+        Fit::new(
+            information,
+            smoothness,
+            relief.clone(),
+            options.non_negative,
+        )
     };
     let mut fitted = fit(intervals)?;
     let (across, along) = smoothness.lengths();
@@ -264,12 +273,6 @@ fn recover_channel(
         resolution: fitted.basis().spacing(),
         held: fitted.posterior.held,
     })
-}
-
-/// Largest coefficient of a fit at the weights learnt.
-fn largest_of(information: &Information, learnt: &evidence::Learnt) -> Result<f64> {
-    let fit = Posterior::new(information, &learnt.smoothness, learnt.noise, false)?;
-    Ok(fit.mean.iter().fold(0.0, |m, v| v.abs().max(m)))
 }
 
 #[cfg(test)]

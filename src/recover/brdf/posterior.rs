@@ -44,12 +44,13 @@ impl Posterior {
     /// If the normal equations cannot be factored.
     pub fn new(
         information: &Information,
+        penalties: &Penalties,
         smoothness: &Smoothness,
         noise: f64,
         non_negative: bool,
     ) -> Result<Self> {
         let mut matrix = information.dense(1.0 / noise);
-        Penalties::new(information.basis).add_dense(smoothness, &mut matrix);
+        penalties.add_dense(smoothness, &mut matrix);
         let rhs: Vec<f64> = information.right_side().iter().map(|h| h / noise).collect();
         let factor = Factor::new(&matrix)?;
         let mut mean = factor.solve_vector(&rhs);
