@@ -51,11 +51,6 @@ impl Basis {
         }
     }
 
-    /// Number of knot intervals.
-    pub fn intervals(&self) -> usize {
-        self.intervals
-    }
-
     /// Number of functions.
     pub fn len(&self) -> usize {
         self.intervals + DEGREE - 2

@@ -44,8 +44,6 @@ pub struct Learnt {
     pub relief: Relief,
     /// Largest coefficient of the fit.
     pub largest: f64,
-    /// Factor on all variances: 1, or more if the residual is larger than the variances say.
-    pub noise: f64,
     /// Evidence and GCV around the maximum.
     pub curve: Vec<CurvePoint>,
 }
@@ -153,7 +151,7 @@ fn limited(w: [f64; 3], spacing: f64, longest: f64) -> [f64; 3] {
 ///
 /// # Errors
 /// If the normal equations cannot be factored.
-pub fn learn(information: &Information, longest: f64, noise_floor: f64) -> Result<Learnt> {
+pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
     let basis = information.basis;
     let n = basis.pairs();
     let mut rng = ChaCha8Rng::seed_from_u64(0x5eed_b4df);
@@ -168,7 +166,7 @@ pub fn learn(information: &Information, longest: f64, noise_floor: f64) -> Resul
         white: Mat::from_fn(n, PROBES, |_, _| StandardNormal.sample(&mut rng)),
     };
     let mean_information = (0..n).map(|i| level.information[(i, i)]).sum::<f64>() / n as f64;
-    let mut noise = noise_floor;
+    let mut noise = 1.0;
     // Start: a prior that says next to nothing, smooth over 0.1 rad; its fit gives the first amplitude.
     let shape = |amplitude: f64| {
         let l4 = 0.1f64.min(longest).powi(4);
@@ -213,9 +211,9 @@ pub fn learn(information: &Information, longest: f64, noise_floor: f64) -> Resul
             let reduced = fit.chi_square * noise / free;
             // Only beyond four standard deviations of χ² is it the noise that is wrong.
             let wanted = if reduced > 1.0 + 4.0 * (2.0 / free).sqrt() {
-                reduced.max(noise_floor)
+                reduced
             } else {
-                noise_floor
+                1.0
             };
             settled = (wanted / noise).ln().abs() < 0.05;
             noise = wanted;
@@ -246,7 +244,6 @@ pub fn learn(information: &Information, longest: f64, noise_floor: f64) -> Resul
         smoothness,
         relief,
         largest,
-        noise,
         curve,
     })
 }

@@ -5,12 +5,12 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use faer::Mat;
 use num_complex::Complex64;
 
-use super::basis::Basis;
+use super::basis::{Basis, END_SHAPES};
 use super::estimate::{Coefficient, Status};
 use super::information::Information;
 use super::posterior::{self, Posterior};
 use super::prior::{Factor, Penalties, Relief, Smoothness};
-use super::{COARSE, spectrum};
+use super::spectrum;
 use crate::Result;
 
 /// How many times the largest value of the slice a coefficient may be in the problem without smoothness.
@@ -26,14 +26,51 @@ pub fn vague(basis: Basis, largest: f64) -> Smoothness {
     }
 }
 
-/// Status of a quantity from its bound, its posterior and its prior standard deviation.
-fn classify(bound: f64, sigma: f64, prior: f64) -> Status {
+/// Status of a quantity from its bound, its σ, and its standard deviation with and without samples under the prior
+/// of limited reach.
+fn classify(bound: f64, sigma: f64, told: f64, prior: f64) -> Status {
     if bound <= 0.5 * prior && bound <= 10.0 * sigma {
         Status::Determined
-    } else if sigma <= 0.5 * prior {
+    } else if told <= 0.5 * prior {
         Status::Weak
     } else {
         Status::Indeterminate
+    }
+}
+
+/// What prior and samples say on coarse splines, when the prior reaches no farther than it may.
+pub struct Reach {
+    basis: Basis,
+    /// The prior alone.
+    prior: Factor,
+    /// Prior and samples, without non-negativity: that narrows σ even where nothing was seen.
+    told: Factor,
+}
+
+impl Reach {
+    /// From the samples on coarse splines, and the prior with its correlation lengths held to `longest`.
+    ///
+    /// # Errors
+    /// If the matrices cannot be factored.
+    pub fn new(
+        information: &Information,
+        smoothness: &Smoothness,
+        relief: &Relief,
+        longest: f64,
+    ) -> Result<Self> {
+        let basis = information.basis;
+        let most = smoothness.amplitude * longest.powi(4);
+        let limited = Smoothness {
+            amplitude: smoothness.amplitude,
+            across: smoothness.across.min(most),
+            along: smoothness.along.min(most),
+        };
+        let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
+        Penalties::new(basis, relief).add_dense(&limited, &mut matrix);
+        let prior = Factor::new(&matrix)?;
+        matrix += information.dense(1.0);
+        let told = Factor::new(&matrix)?;
+        Ok(Self { basis, prior, told })
     }
 }
 
@@ -49,8 +86,6 @@ pub struct Fit {
     pub parameters: f64,
     /// Factor on all variances.
     pub noise: f64,
-    smoothness: Smoothness,
-    relief: Relief,
 }
 
 /// Values on a grid of cells, \[θi′\]\[θo′\], size².
@@ -76,10 +111,10 @@ impl Fit {
     pub fn new(
         information: Information,
         smoothness: Smoothness,
-        relief: Relief,
+        relief: &Relief,
         non_negative: bool,
     ) -> Result<Self> {
-        let penalties = Penalties::new(information.basis, &relief);
+        let penalties = Penalties::new(information.basis, relief);
         let pairs = information.basis.pairs() as f64;
         let count = information.count as f64;
         let solve = |noise: f64| -> Result<(Posterior, f64, f64)> {
@@ -105,8 +140,6 @@ impl Fit {
             chi_square,
             parameters,
             noise,
-            smoothness,
-            relief,
         })
     }
 
@@ -115,19 +148,36 @@ impl Fit {
         self.information.basis
     }
 
-    /// The prior's factor on splines coarse enough that it costs little.
-    fn prior(&self) -> Result<(Basis, Factor)> {
-        let basis = Basis::new(COARSE.min(self.basis().intervals()));
-        let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
-        Penalties::new(basis, &self.relief).add_dense(&self.smoothness, &mut matrix);
-        Ok((basis, Factor::new(&matrix)?))
+    /// Largest error of the splines in units of σ, estimated from the sixth differences of their coefficients:
+    /// quintic splines miss h⁶ f⁽⁶⁾/46080 in each angle.
+    pub fn spline_error(&self) -> f64 {
+        let basis = self.basis();
+        let x = &self.posterior.mean;
+        let binomials = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
+        let mut largest = 0.0f64;
+        // Where the splines are equally spaced.
+        let edge = END_SHAPES + 3;
+        for m in edge..basis.len() - edge {
+            for n in edge..=m {
+                let difference = |step: &dyn Fn(usize) -> usize| -> f64 {
+                    (0..7).map(|k| binomials[k] * x[step(k)]).sum()
+                };
+                let across_m = difference(&|k| basis.pair(m + k - 3, n));
+                let across_n = difference(&|k| basis.pair(m, n + k - 3));
+                let error = (across_m.abs() + across_n.abs()) / 46080.0;
+                let here = posterior::value_at(basis, basis.centre(m), basis.centre(n));
+                let variance = posterior::variance(&here, &self.posterior.covariance);
+                largest = largest.max(error / variance.sqrt().max(f64::MIN_POSITIVE));
+            }
+        }
+        largest
     }
 
     /// Values of the slice at size² cells.
     ///
     /// # Errors
     /// If the problem without smoothness cannot be factored.
-    pub fn grid(&self, size: usize) -> Result<GridValues> {
+    pub fn grid(&self, size: usize, reach: &Reach) -> Result<GridValues> {
         let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / size as f64;
         let mut values = vec![0.0; size * size];
         for i in 0..size {
@@ -147,8 +197,7 @@ impl Fit {
         let vague = Factor::new(&matrix)?;
         drop(matrix);
         let free = vague.inverse();
-        let (prior_basis, prior) = self.prior()?;
-        let prior = prior.inverse();
+        let (prior, told) = (reach.prior.inverse(), reach.told.inverse());
         let mut sigma = vec![0.0; size * size];
         let mut bound = sigma.clone();
         let mut status = vec![Status::Indeterminate; size * size];
@@ -157,20 +206,13 @@ impl Fit {
                 let functional = posterior::value_at(self.basis(), angle(i), angle(j));
                 let s = posterior::variance(&functional, &self.posterior.covariance).sqrt();
                 let b = posterior::variance(&functional, &free).sqrt();
-                let p = posterior::variance(
-                    &posterior::value_at(prior_basis, angle(i), angle(j)),
-                    &prior,
-                )
-                .sqrt();
-                // Non-negativity narrows σ even where nothing was seen, so the status is by the σ without it.
-                let told = match &self.posterior.unconstrained {
-                    Some((_, wider)) => posterior::variance(&functional, wider).sqrt(),
-                    None => s,
-                };
+                let coarse = posterior::value_at(reach.basis, angle(i), angle(j));
+                let p = posterior::variance(&coarse, &prior).sqrt();
+                let t = posterior::variance(&coarse, &told).sqrt();
                 for k in [i * size + j, j * size + i] {
                     sigma[k] = s;
                     bound[k] = b;
-                    status[k] = classify(b, told, p);
+                    status[k] = classify(b, s, t, p);
                 }
             }
         }
@@ -187,16 +229,18 @@ impl Fit {
     ///
     /// # Errors
     /// If the prior cannot be factored.
-    pub fn spectrum(&self, order: usize, vague: &Factor) -> Result<Vec<Coefficient>> {
+    pub fn spectrum(
+        &self,
+        order: usize,
+        vague: &Factor,
+        reach: &Reach,
+    ) -> Result<Vec<Coefficient>> {
         let functionals = spectrum::functionals(self.basis(), order);
         let sigma = spectrum::sigmas(&functionals, &self.posterior.factor);
         let bound = spectrum::sigmas(&functionals, vague);
-        let told = match &self.posterior.unconstrained {
-            Some((wider, _)) => spectrum::sigmas(&functionals, wider),
-            None => sigma.clone(),
-        };
-        let (prior_basis, prior) = self.prior()?;
-        let prior = spectrum::sigmas(&spectrum::functionals(prior_basis, order), &prior);
+        let coarse = spectrum::functionals(reach.basis, order);
+        let prior = spectrum::sigmas(&coarse, &reach.prior);
+        let told = spectrum::sigmas(&coarse, &reach.told);
         let x = &self.posterior.mean;
         let dot = |j: usize| -> f64 { functionals.col(j).iter().zip(x).map(|(w, x)| w * x).sum() };
         Ok(spectrum::indices(order)
@@ -208,7 +252,7 @@ impl Fit {
                 value: Complex64::new(dot(2 * k), dot(2 * k + 1)),
                 sigma: sigma[k],
                 bound: bound[k],
-                status: classify(bound[k], told[k], prior[k]),
+                status: classify(bound[k], sigma[k], told[k], prior[k]),
             })
             .collect())
     }

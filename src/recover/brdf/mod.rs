@@ -11,12 +11,13 @@
 //! sources at their exact angles. ρ̃ is fitted rather than ρ because it is the quantity that is bounded and
 //! continuous at grazing angles, and the one that is symmetric.
 //!
-//! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the
-//! maximum of the posterior under a Gaussian prior of precision P ([`Smoothness`]: size, bending across and along the lobe),
-//! c = (J + P)⁻¹ h; the three weights of P maximise the marginal likelihood of the samples, and P is capped so that it carries
-//! no value farther than [`Options::longest`]. σ is from (J + P)⁻¹. As a confidence interval it covers what it claims when averaged over
-//! the slice (Nychka, "Bayesian confidence intervals for smoothing splines", JASA 83, 1988), because
-//! it holds the expected squared bias of smoothing beside the variance.
+//! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the maximum
+//! of the posterior, c = (J + P)⁻¹ h under c ≥ 0, with a Gaussian prior of precision P: the size of ρ̃ and its bending across and along
+//! the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe fills a
+//! small part of it. All of it maximises the marginal likelihood of the samples. σ is from (J + P)⁻¹. As a
+//! confidence interval it covers what it claims when averaged over the slice (Nychka, "Bayesian confidence
+//! intervals for smoothing splines", JASA 83, 1988), because it holds the expected squared bias of smoothing
+//! beside the variance.
 //!
 //! # What is determined, and the bound
 //!
@@ -31,6 +32,9 @@
 //! * *weak*: else, if the posterior's standard deviation is at most half the prior's: known by
 //!   smoothness, between views or beyond the resolution of the light.
 //! * *indeterminate*: the rest. Under uniform light that is everything but ρ̃_{0,q}, and every single value of the slice.
+//!
+//! For this judgement the prior's correlation lengths are held to [`Options::longest`], so that no smoothness, however
+//! strongly the seen part suggests it, carries a value far into what was never seen.
 //!
 //! The prior enters only as the size that a quantity could be expected to have. The bound of the white ε
 //! knows nothing of smoothness, so it does not flatter a prior that is wrong.
@@ -52,10 +56,13 @@ use crate::{Error, Result};
 use basis::Basis;
 pub use estimate::{BrdfEstimate, Coefficient, Slice, Status};
 pub use evidence::CurvePoint;
-use fit::{Fit, vague};
+use fit::{Fit, Reach, vague};
 use information::{Illumination, Information};
 use prior::Relief;
 pub use prior::Smoothness;
+
+/// Longest correlation length that is learnt, radians.
+const LONGEST: f64 = 0.5;
 
 /// Intervals of the splines on which the prior's weights are learnt.
 const COARSE: usize = 40;
@@ -65,6 +72,9 @@ const INTERVALS: usize = 60;
 
 /// The same where that is not enough; 2.5° hold it to a third of that.
 const FINE: usize = 72;
+
+/// Error of the splines, in units of σ, beyond which finer ones are taken: a fifth adds 2 % to the total.
+const TOLERATED: f64 = 0.2;
 
 /// How the weight of the prior is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,7 +105,8 @@ pub struct Options {
     pub regularisation: Regularisation,
     /// Whether ρ ≥ 0 is demanded.
     pub non_negative: bool,
-    /// Longest correlation length the prior may have, radians.
+    /// How far from what was seen smoothness may fill in, radians: the longest correlation length by which the status of a
+    /// value is judged.
     pub longest: f64,
 }
 
@@ -215,7 +226,7 @@ fn recover_channel(
         ))
         .advice("check the exposure, the mask and the limb cut"));
     }
-    let learnt = evidence::learn(&coarse, options.longest, 1.0)?;
+    let learnt = evidence::learn(&coarse, LONGEST)?;
     let smoothness = match options.regularisation {
         Regularisation::Evidence => learnt.smoothness,
         Regularisation::Gcv => {
@@ -238,26 +249,16 @@ fn recover_channel(
         let basis = Basis::new(intervals);
         let light = Illumination::new(basis, lighting, light_channel);
         let information = Information::new(samples, channel, &light);
-        Fit::new(
-            information,
-            smoothness,
-            relief.clone(),
-            options.non_negative,
-        )
+        Fit::new(information, smoothness, &relief, options.non_negative)
     };
     let mut fitted = fit(intervals)?;
-    let (across, along) = smoothness.lengths();
-    // Every mode of the splines is determined by the samples, and the prior has found structure as fine as
-    // the knots: finer splines would show more.
-    if options.intervals.is_none()
-        && across.min(along) < 1.1 * fitted.basis().spacing()
-        && fitted.parameters > 0.9995 * fitted.basis().pairs() as f64
-    {
+    if options.intervals.is_none() && fitted.spline_error() > TOLERATED {
         drop(fitted);
         fitted = fit(FINE)?;
     }
-    let grid = fitted.grid(options.size)?;
-    let spectrum = fitted.spectrum(options.order, &grid.vague)?;
+    let reach = Reach::new(&coarse, &smoothness, &relief, options.longest)?;
+    let grid = fitted.grid(options.size, &reach)?;
+    let spectrum = fitted.spectrum(options.order, &grid.vague, &reach)?;
     Ok(Slice {
         reciprocal: grid.values,
         sigma: grid.sigma,

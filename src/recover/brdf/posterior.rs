@@ -27,8 +27,6 @@ pub struct Posterior {
     pub factor: Factor,
     /// Its inverse.
     pub covariance: Mat<f64>,
-    /// Both as they are without non-negativity, if it made a difference: what the samples told.
-    pub unconstrained: Option<(Factor, Mat<f64>)>,
     /// Number of coefficients that non-negativity holds at 0.
     pub held: usize,
 }
@@ -67,7 +65,6 @@ impl Posterior {
                 mean,
                 factor: tighter,
                 covariance: narrower,
-                unconstrained: Some((factor, covariance)),
                 held,
             });
         }
@@ -75,7 +72,6 @@ impl Posterior {
             mean,
             factor,
             covariance,
-            unconstrained: None,
             held: 0,
         })
     }
