@@ -138,7 +138,7 @@ fn weighted(smoothness: &Smoothness, values: &[f64; 3]) -> f64 {
 /// tell, and `longest`, beyond which the prior would carry values far from any sample.
 fn limited(w: [f64; 3], spacing: f64, longest: f64) -> [f64; 3] {
     let shortest = (0.3 * spacing).min(longest);
-    let limit = |v: f64| v.clamp(w[0] * shortest.powi(4), w[0] * longest.powi(4));
+    let limit = |v: f64| v.clamp(w[0] * shortest.powi(6), w[0] * longest.powi(6));
     [w[0], limit(w[1]), limit(w[2])]
 }
 
@@ -169,7 +169,7 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
     let mut noise = 1.0;
     // Start: a prior that says next to nothing, smooth over 0.1 rad; its fit gives the first amplitude.
     let shape = |amplitude: f64| {
-        let l4 = 0.1f64.min(longest).powi(4);
+        let l4 = 0.1f64.min(longest).powi(6);
         Smoothness {
             amplitude,
             across: amplitude * l4,

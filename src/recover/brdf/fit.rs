@@ -59,7 +59,7 @@ impl Reach {
         longest: f64,
     ) -> Result<Self> {
         let basis = information.basis;
-        let most = smoothness.amplitude * longest.powi(4);
+        let most = smoothness.amplitude * longest.powi(6);
         let limited = Smoothness {
             amplitude: smoothness.amplitude,
             across: smoothness.across.min(most),

@@ -12,7 +12,7 @@
 //! continuous at grazing angles, and the one that is symmetric.
 //!
 //! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the maximum
-//! of the posterior, c = (J + P)⁻¹ h under c ≥ 0, with a Gaussian prior of precision P: the size of ρ̃ and its bending across and along
+//! of the posterior, c = (J + P)⁻¹ h under c ≥ 0, with a Gaussian prior of precision P: the size of ρ̃ and its roughness across and along
 //! the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe fills a
 //! small part of it. All of it maximises the marginal likelihood of the samples. σ is from (J + P)⁻¹. As a
 //! confidence interval it covers what it claims when averaged over the slice (Nychka, "Bayesian confidence
@@ -62,7 +62,7 @@ use prior::Relief;
 pub use prior::Smoothness;
 
 /// Longest correlation length that is learnt, radians.
-const LONGEST: f64 = 0.5;
+const LONGEST: f64 = 1.0;
 
 /// Intervals of the splines on which the prior's weights are learnt.
 const COARSE: usize = 40;

@@ -7,19 +7,20 @@ use faer::{Mat, Side};
 use super::basis::Basis;
 use crate::{Error, Result};
 
-/// Precision of the prior, P = amplitude ∫ρ̃² + across ∫(∂²ρ̃/∂u²)² + along ∫(∂²ρ̃/∂v²)², where u and v are
+/// Precision of the prior, P = amplitude ∫ρ̃² + across ∫(∂³ρ̃/∂u³)² + along ∫(∂³ρ̃/∂v³)², where u and v are
 /// lengths along the diagonals θi′ + θo′ (across a mirror lobe) and θi′ − θo′ (along it).
 ///
-/// The spectrum of such a ρ̃ is 1/(amplitude + across·ω_u⁴ + along·ω_v⁴): a Gaussian field with correlation
-/// lengths (across/amplitude)^¼ and (along/amplitude)^¼ radians. A mirror lobe makes the second long, a
-/// retro-reflective one the first.
+/// The spectrum of such a ρ̃ is 1/(amplitude + across·ω_u⁶ + along·ω_v⁶): a Gaussian field with correlation
+/// lengths (across/amplitude)^⅙ and (along/amplitude)^⅙ radians. A mirror lobe makes the second long, a
+/// retro-reflective one the first. Third derivatives, because lobes are smooth at small scales: with second ones the
+/// error under 1 % noise was twice as large, and σ wider than it need be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Smoothness {
-    /// 1/sr⁻², per rad².
+    /// sr², per rad².
     pub amplitude: f64,
-    /// rad⁴ times that.
+    /// rad⁶ times that.
     pub across: f64,
-    /// rad⁴ times that.
+    /// rad⁶ times that.
     pub along: f64,
 }
 
@@ -27,8 +28,8 @@ impl Smoothness {
     /// Correlation lengths (across, along), radians.
     pub fn lengths(&self) -> (f64, f64) {
         (
-            (self.across / self.amplitude).powf(0.25),
-            (self.along / self.amplitude).powf(0.25),
+            (self.across / self.amplitude).powf(1.0 / 6.0),
+            (self.along / self.amplitude).powf(1.0 / 6.0),
         )
     }
 
@@ -140,8 +141,8 @@ pub struct Penalties {
     scale: Vec<f64>,
 }
 
-/// One row of a penalty: up to three unknowns with their factors.
-type Row = [(usize, f64); 3];
+/// One row of a penalty: up to four unknowns with their factors.
+type Row = [(usize, f64); 4];
 
 impl Penalties {
     /// The forms on `basis`, weighted by 1/relief.
@@ -173,25 +174,22 @@ impl Penalties {
         let here = self.basis.pair(m, n);
         if form == 0 {
             let h = h * scale;
-            return [(here, h), (here, 0.0), (here, 0.0)];
+            return [(here, h), (here, 0.0), (here, 0.0), (here, 0.0)];
         }
         let last = self.basis.len() as isize - 1;
         // The diagonal neighbours are √2 h apart; times h, since the sum stands for ∫ da db.
-        let factor = scale * h / (2.0 * h * h);
-        let at = |i: isize, j: isize| {
+        let factor = scale * h / (2f64.sqrt() * h).powi(3);
+        let side = if form == 1 { 1 } else { -1 };
+        let (i, j) = (m as isize, n as isize);
+        let at = |k: isize, f: f64| {
+            let (i, j) = (i + k, j + side * k);
             if i < 0 || j < 0 || i > last || j > last {
                 (here, 0.0)
             } else {
-                (self.basis.pair(i as usize, j as usize), factor)
+                (self.basis.pair(i as usize, j as usize), f * factor)
             }
         };
-        let (i, j) = (m as isize, n as isize);
-        let side = if form == 1 { 1 } else { -1 };
-        [
-            at(i + 1, j + side),
-            at(i - 1, j - side),
-            (here, -2.0 * factor),
-        ]
+        [at(-1, -1.0), at(0, 3.0), at(1, -3.0), at(2, 1.0)]
     }
 
     fn rows(&self, form: usize) -> impl Iterator<Item = Row> + '_ {
