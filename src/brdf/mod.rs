@@ -1,16 +1,55 @@
 //! Surface reflection in the plane of incidence: analytic models, one per file, and tables.
 //!
 //! Every [`Brdf`] is the in-plane slice of a 3-D BRDF, in sr⁻¹, for one channel; a [`Material`] holds
-//! one per channel.
+//! one per channel. The analytic models are written once, in their 3-D form ([`Isotropic`]), so that
+//! their energy can be checked over the hemisphere.
 
+mod blinn;
+pub mod closed_forms;
+mod family;
+pub mod fit;
+mod fresnel;
+mod ggx;
+mod ggx_dielectric;
+mod isotropic;
+mod lambertian;
+mod measured;
+mod mirror;
+mod model;
+mod oren_nayar;
+mod phong;
+mod sheen;
+mod spectrum;
+mod table;
+#[cfg(test)]
+mod testing;
+mod torrance_sparrow;
 mod transfer;
+mod ward;
 
 use std::fmt::Debug;
 use std::sync::Arc;
 
 use crate::angle::LocalAngle;
 
+pub use blinn::Blinn;
+pub use family::{Family, Parameter};
+pub use fresnel::{conductor_reflectance, dielectric_reflectance};
+pub use ggx::GgxConductor;
+pub use ggx_dielectric::GgxDielectric;
+pub use isotropic::{Isotropic, Pair, directional_albedo};
+pub use lambertian::Lambertian;
+pub use measured::MeasuredSlice;
+pub use mirror::Mirror;
+pub use model::Model;
+pub use oren_nayar::OrenNayar;
+pub use phong::Phong;
+pub use sheen::{HorizonSheen, Sheen};
+pub use spectrum::ReciprocalSpectrum;
+pub use table::{Axis, SliceTable};
+pub use torrance_sparrow::TorranceSparrow;
 pub use transfer::{IncidentRule, transfer_row};
+pub use ward::Ward;
 
 /// The in-plane slice of an isotropic BRDF in one channel.
 ///
@@ -27,8 +66,15 @@ pub trait Brdf: Debug + Send + Sync {
     }
 
     /// Width (radians, in θi′) of the narrowest lobe around the mirror direction: how fine a
-    /// quadrature must be there.
+    /// quadrature must be there. For a Gaussian lobe two standard deviations, for a rational one the
+    /// distance of its poles from the real axis.
     fn lobe_width(&self) -> f64;
+
+    /// Distance (radians) from ±π/2 over which masking or a root changes the value: how fine a
+    /// quadrature must be at grazing incidence.
+    fn grazing_width(&self) -> f64 {
+        1.0
+    }
 
     /// Angles θi′ (radians) at which the value has a kink for this exitant direction, beyond those at
     /// ±π/2: quadrature panels end there.

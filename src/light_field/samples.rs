@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use super::ViewSample;
 use crate::angle::LocalAngle;
 use crate::grid::Grid;
 
@@ -78,6 +79,49 @@ impl Samples {
             _ => PI,
         }
     }
+}
+
+/// Gathers the views' samples into columns; `views` holds, per view, \[channel\]\[column\]. Also returns
+/// the number of pixels behind each sample, \[column\]\[n\].
+///
+/// The variance of a sample is that of its pixels' noise plus that of the geometry.
+pub fn gather(
+    channels: Vec<String>,
+    locals: &[LocalAngle],
+    views: &[Vec<Vec<Option<ViewSample>>>],
+) -> (Samples, Vec<Vec<f32>>) {
+    let mut all_pixels = Vec::with_capacity(locals.len());
+    let columns = locals
+        .iter()
+        .enumerate()
+        .map(|(j, &local)| {
+            let mut column = Column {
+                local,
+                alpha: Vec::new(),
+                view: Vec::new(),
+                value: vec![Vec::new(); channels.len()],
+                variance: vec![Vec::new(); channels.len()],
+            };
+            let mut pixels = Vec::new();
+            for (k, view) in views.iter().enumerate() {
+                let here: Vec<Option<ViewSample>> = view.iter().map(|c| c[j]).collect();
+                let Some(any) = here.iter().flatten().next() else {
+                    continue;
+                };
+                column.alpha.push(any.alpha);
+                column.view.push(k as u32);
+                pixels.push(any.pixels);
+                for (c, sample) in here.iter().enumerate() {
+                    column.value[c].push(sample.map_or(0.0, |s| s.value));
+                    column.variance[c]
+                        .push(sample.map_or(f64::INFINITY, |s| s.variance + s.geometric));
+                }
+            }
+            all_pixels.push(pixels);
+            column
+        })
+        .collect();
+    (Samples { channels, columns }, all_pixels)
 }
 
 impl Column {

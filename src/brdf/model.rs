@@ -1,0 +1,411 @@
+//! A material as a recipe describes it (`[brdf]`): a model and its parameters, or a table.
+
+use std::f64::consts::FRAC_PI_2;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::{Brdf, Family, Material, SliceTable, directional_albedo};
+use crate::error::nearest;
+use crate::{Error, Result};
+
+/// A material as a recipe describes it: `model = "phong"` with its parameters (one value for all channels, or
+/// one for each), or `table = "brdf.csv"`. Written back with every default filled in.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Model {
+    /// An analytic model.
+    Analytic {
+        /// Which one.
+        family: Family,
+        /// For each of [`Family::parameters`], one value for all channels or one per channel.
+        values: Vec<Vec<f64>>,
+    },
+    /// A table in a file, absolute or relative to the recipe.
+    Table(PathBuf),
+}
+
+impl Model {
+    /// From the `[brdf]` table of a recipe.
+    ///
+    /// # Errors
+    /// For an unknown model or key (naming the nearest), a missing or superfluous one, and values that are
+    /// not numbers or out of their range.
+    pub fn from_table(table: &toml::Table) -> Result<Self> {
+        if let Some(path) = table.get("table") {
+            return Self::from_file_key(path, table);
+        }
+        let Some(name) = table.get("model") else {
+            let advice = format!("Models: {}.", model_names().join(", "));
+            return Err(Error::input("expected `model` or `table`, found neither")
+                .key("brdf")
+                .advice(advice));
+        };
+        let family = family_of(name, table)?;
+        let parameters = family.parameters();
+        let known: Vec<&str> = std::iter::once("model")
+            .chain(parameters.iter().map(|p| p.name))
+            .collect();
+        check_keys(table, &known)?;
+        let mut values = Vec::with_capacity(parameters.len());
+        for p in parameters {
+            let given = match (table.get(p.name), p.default) {
+                (Some(value), _) => numbers(value).map_err(|e| e.key(key(p.name)))?,
+                (None, Some(default)) => vec![default],
+                (None, None) => {
+                    return Err(Error::input(format!(
+                        "the model \"{}\" needs `{}`, which is missing",
+                        family.name(),
+                        p.name
+                    ))
+                    .key(key(p.name)));
+                }
+            };
+            if let Some(bad) = given.iter().find(|v| !(p.low..=p.high).contains(*v)) {
+                let range = if p.high.is_finite() {
+                    format!("a value in {} to {}", p.low, p.high)
+                } else {
+                    format!("a value of at least {}", p.low)
+                };
+                return Err(Error::input(format!("expected {range}, found {bad}")).key(key(p.name)));
+            }
+            values.push(given);
+        }
+        Ok(Self::Analytic { family, values })
+    }
+
+    fn from_file_key(path: &toml::Value, table: &toml::Table) -> Result<Self> {
+        check_keys(table, &["table"])?;
+        match path.as_str() {
+            Some(path) if !path.is_empty() => Ok(Self::Table(PathBuf::from(path))),
+            _ => Err(
+                Error::input(format!("expected the name of a CSV file, found {path}"))
+                    .key(key("table")),
+            ),
+        }
+    }
+
+    /// As the `[brdf]` table of a recipe, with every default written out.
+    pub fn to_table(&self) -> toml::Table {
+        let mut table = toml::Table::new();
+        match self {
+            Self::Analytic { family, values } => {
+                table.insert("model".into(), family.name().into());
+                for (p, v) in family.parameters().iter().zip(values) {
+                    let value = match v.as_slice() {
+                        [one] => toml::Value::Float(*one),
+                        many => many
+                            .iter()
+                            .copied()
+                            .map(toml::Value::Float)
+                            .collect::<Vec<_>>()
+                            .into(),
+                    };
+                    table.insert(p.name.into(), value);
+                }
+            }
+            Self::Table(path) => {
+                table.insert("table".into(), path.display().to_string().into());
+            }
+        }
+        table
+    }
+
+    /// The BRDF of each of `channels`; a table's path is relative to `folder`.
+    ///
+    /// # Errors
+    /// If a parameter has neither one value nor one per channel; if the table cannot be read, lacks a
+    /// channel or has holes that reciprocity does not fill.
+    pub fn material(&self, channels: &[String], folder: &Path) -> Result<Material> {
+        let brdfs: Vec<Arc<dyn Brdf>> = match self {
+            Self::Analytic { family, values } => {
+                self.check_lengths(channels)?;
+                (0..channels.len())
+                    .map(|c| family.build(&of_channel(values, c)) as Arc<dyn Brdf>)
+                    .collect()
+            }
+            Self::Table(path) => {
+                let path = folder.join(path);
+                let table = SliceTable::read(&path)?;
+                channels
+                    .iter()
+                    .map(|name| {
+                        Ok(Arc::new(table.slice(name).map_err(|e| e.file(&path))?)
+                            as Arc<dyn Brdf>)
+                    })
+                    .collect::<Result<_>>()?
+            }
+        };
+        Ok(Material {
+            channels: channels.to_vec(),
+            brdfs,
+        })
+    }
+
+    /// What is allowed but unlikely: a material that reflects more light than it gets. One sentence each;
+    /// empty for tables, whose energy out of the plane is not known.
+    pub fn warnings(&self) -> Vec<String> {
+        let Self::Analytic { family, values } = self else {
+            return Vec::new();
+        };
+        let count = values.iter().map(Vec::len).max().unwrap_or(0);
+        let mut warnings = Vec::new();
+        for channel in 0..count {
+            let model = family.build(&of_channel(values, channel));
+            let worst = (0..9)
+                .map(|k| FRAC_PI_2 * f64::from(k) / 9.0)
+                .map(|angle| (directional_albedo(model.as_ref(), angle), angle))
+                .max_by(|a, b| a.0.total_cmp(&b.0));
+            if let Some((albedo, angle)) = worst
+                // 1e-4 is above the quadrature's error and below anything that matters.
+                && albedo > 1.0 + 1e-4
+            {
+                let which = if count > 1 {
+                    format!(" (value {channel})")
+                } else {
+                    String::new()
+                };
+                warnings.push(format!(
+                    "brdf: {}{which} reflects {albedo:.3} of the light that arrives at {:.0}° from the normal, \
+                     more than all of it",
+                    family.name(),
+                    angle.to_degrees()
+                ));
+            }
+        }
+        warnings
+    }
+
+    fn check_lengths(&self, channels: &[String]) -> Result<()> {
+        let Self::Analytic { family, values } = self else {
+            return Ok(());
+        };
+        for (p, v) in family.parameters().iter().zip(values) {
+            if v.len() != 1 && v.len() != channels.len() {
+                return Err(Error::input(format!(
+                    "expected one value, or one for each of the {} channels ({}), found {} values",
+                    channels.len(),
+                    channels.join(", "),
+                    v.len()
+                ))
+                .key(key(p.name)));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The values of one channel.
+fn of_channel(values: &[Vec<f64>], channel: usize) -> Vec<f64> {
+    let pick = |v: &Vec<f64>| v.get(channel).or(v.first()).copied().unwrap_or(0.0);
+    values.iter().map(pick).collect()
+}
+
+fn key(name: &str) -> String {
+    format!("brdf.{name}")
+}
+
+fn model_names() -> Vec<&'static str> {
+    let mut names: Vec<&str> = Family::ALL.iter().map(|f| f.name()).collect();
+    names.dedup();
+    names
+}
+
+/// The family of this name; where two share it, the one whose keys are in the table.
+fn family_of(name: &toml::Value, table: &toml::Table) -> Result<Family> {
+    let word = name.as_str().unwrap_or_default();
+    let same: Vec<Family> = Family::ALL
+        .into_iter()
+        .filter(|f| f.name() == word)
+        .collect();
+    let fits = |f: &&Family| {
+        f.parameters()
+            .iter()
+            .all(|p| p.default.is_some() || table.contains_key(p.name))
+    };
+    if let Some(family) = same.iter().find(fits).or(same.first()) {
+        return Ok(*family);
+    }
+    let names = model_names();
+    let advice = match nearest(word, &names) {
+        Some(near) => format!("Did you mean \"{near}\"?"),
+        None => format!("Models: {}.", names.join(", ")),
+    };
+    Err(Error::input(format!("expected a BRDF model, found {name}"))
+        .key(key("model"))
+        .advice(advice))
+}
+
+fn check_keys(table: &toml::Table, known: &[&str]) -> Result<()> {
+    let unknown = table.keys().filter(|k| !known.contains(&k.as_str()));
+    let errors = unknown.map(|k| {
+        let advice = match nearest(k, known) {
+            Some(near) => format!("Did you mean `{near}`?"),
+            None => format!("Keys here: {}.", known.join(", ")),
+        };
+        Error::input("unknown key").key(key(k)).advice(advice)
+    });
+    Error::all(errors.collect()).map_or(Ok(()), Err)
+}
+
+/// One number or a list of them, all finite.
+fn numbers(value: &toml::Value) -> Result<Vec<f64>> {
+    let one = |v: &toml::Value| match v {
+        toml::Value::Float(f) if f.is_finite() => Some(*f),
+        toml::Value::Integer(i) => Some(*i as f64),
+        _ => None,
+    };
+    let all = match value {
+        toml::Value::Array(list) if !list.is_empty() => list.iter().map(one).collect(),
+        other => one(other).map(|v| vec![v]),
+    };
+    all.ok_or_else(|| {
+        Error::input(format!(
+            "expected a number, or a list of one number per channel, found {value}"
+        ))
+    })
+}
+
+impl Serialize for Model {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        self.to_table().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Model {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        let table = toml::Table::deserialize(deserializer)?;
+        Self::from_table(&table).map_err(serde::de::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::LocalAngle;
+
+    fn parse(text: &str) -> Result<Model> {
+        Model::from_table(&text.parse().expect("valid TOML"))
+    }
+
+    fn rgb() -> Vec<String> {
+        ["R", "G", "B"].map(String::from).to_vec()
+    }
+
+    #[test]
+    fn a_recipe_s_table_becomes_one_brdf_per_channel() {
+        let model = parse(
+            "model = \"phong\"\ndiffuse = [0.30, 0.22, 0.15]\nspecular = [0.40, 0.40, 0.38]\nexponent = 32",
+        )
+        .expect("the example of the documentation");
+        let material = model
+            .material(&rgb(), Path::new("."))
+            .expect("three channels");
+        let blue = crate::brdf::Phong {
+            diffuse: 0.15,
+            specular: 0.38,
+            exponent: 32.0,
+        };
+        let (a, b) = (LocalAngle::degrees(20.0), LocalAngle::degrees(-25.0));
+        assert_eq!(material.brdfs[2].value(a, b), blue.value(a, b));
+        assert!(model.material(&rgb()[..2], Path::new(".")).is_err());
+        assert!(model.warnings().is_empty());
+    }
+
+    #[test]
+    fn it_is_written_back_with_every_default() {
+        let model = parse(
+            "model = \"ggx-conductor\"\nalpha = 0.2\neta = [0.2, 0.9, 1.1]\nk = [3.9, 2.4, 2.2]",
+        )
+        .expect("specular has a default");
+        let text = toml::to_string(&model).expect("a TOML table");
+        assert!(text.contains("specular = 1.0"), "{text}");
+        let again: Model = toml::from_str(&text).expect("what was written");
+        assert_eq!(again, model);
+        let table: Model = toml::from_str("table = \"brdf.csv\"").expect("a table");
+        assert_eq!(table, Model::Table("brdf.csv".into()));
+    }
+
+    #[test]
+    fn faults_are_named_with_the_nearest_name() {
+        for (text, expected) in [
+            ("model = \"pong\"", "Did you mean \"phong\"?"),
+            (
+                "model = \"phong\"\nspecular = 1\nexponnent = 3",
+                "Did you mean `exponent`?",
+            ),
+            ("model = \"phong\"\nspecular = 1", "needs `exponent`"),
+            (
+                "model = \"lambertian\"\nalbedo = -0.1",
+                "at least 0, found -0.1",
+            ),
+            ("model = \"lambertian\"\nalbedo = nan", "expected a number"),
+            ("model = \"lambertian\"\nalbedo = []", "expected a number"),
+            (
+                "model = \"lambertian\"\nalbedo = \"red\"",
+                "expected a number",
+            ),
+            (
+                "model = \"ggx-conductor\"\nalpha = 0\neta = 1\nk = 1",
+                "0.001 to 2",
+            ),
+            ("model = 3", "expected a BRDF model"),
+            ("table = 3", "name of a CSV file"),
+            ("table = \"a.csv\"\nmodel = \"phong\"", "brdf.model"),
+            ("", "expected `model` or `table`"),
+        ] {
+            let error = parse(text).expect_err(text).to_string();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn every_model_of_the_documentation_is_understood() {
+        for text in [
+            "model = \"lambertian\"\nalbedo = 0.5",
+            "model = \"mirror\"",
+            "model = \"phong\"\nspecular = 0.4\nexponent = 32",
+            "model = \"blinn\"\ndiffuse = 0.1\nspecular = 0.4\nexponent = 32",
+            "model = \"ward\"\nspecular = 0.4\nalpha = 0.1",
+            "model = \"torrance-sparrow\"\ndiffuse = 0.3\nroughness = 0.2\nior = 1.5",
+            "model = \"ggx-conductor\"\nalpha = 0.2\neta = 0.2\nk = 3.9",
+            "model = \"ggx-dielectric\"\ndiffuse = 0.3\nalpha = 0.1",
+            "model = \"oren-nayar\"\nalbedo = 0.7\nsigma_deg = 20",
+            "model = \"sheen\"\nsheen = 0.5\nroughness = 0.3",
+            "model = \"sheen\"\nsheen = 0.5\nexponent = 4",
+        ] {
+            let model = parse(text).expect(text);
+            assert!(
+                model.warnings().is_empty(),
+                "{text}: {:?}",
+                model.warnings()
+            );
+            let material = model.material(&rgb(), Path::new(".")).expect(text);
+            assert_eq!(material.brdfs.len(), 3);
+            assert_eq!(
+                Model::from_table(&model.to_table()).expect("resolved"),
+                model
+            );
+        }
+        assert_ne!(
+            parse("model = \"sheen\"\nsheen = 1\nroughness = 0.3")
+                .expect("roughness")
+                .to_table()
+                .get("roughness"),
+            None
+        );
+        assert!(parse("model = \"sheen\"\nsheen = 1\nroughness = 0.3\nexponent = 3").is_err());
+    }
+
+    #[test]
+    fn too_much_energy_is_a_warning() {
+        let model = parse("model = \"phong\"\ndiffuse = [0.3, 0.8]\nspecular = 0.5\nexponent = 20")
+            .expect("allowed");
+        let warnings = model.warnings();
+        assert_eq!(warnings.len(), 1, "{warnings:?}");
+        assert!(
+            warnings[0].contains("(value 1) reflects 1.300"),
+            "{warnings:?}"
+        );
+    }
+}
