@@ -8,6 +8,7 @@ pub(crate) mod table;
 #[cfg(test)]
 mod tests;
 mod to_toml;
+mod views;
 
 use std::path::PathBuf;
 
