@@ -81,16 +81,29 @@ impl Samples {
     }
 }
 
+/// What fits along and across the measured line leave in photos without any noise, relative to the
+/// channel's largest value (rms of such photos against quadrature: 2e-5 to 5e-5). Without it a black pixel,
+/// whose rounding is nothing, would outweigh all others.
+pub const MODEL_FLOOR: f64 = 3e-5;
+
 /// Gathers the views' samples into columns; `views` holds, per view, \[channel\]\[column\]. Also returns
 /// the number of pixels behind each sample, \[column\]\[n\].
 ///
-/// The variance of a sample is that of its pixels' noise plus that of the geometry.
+/// The variance of a sample is that of its pixels' noise plus that of the geometry plus a floor of
+/// [`MODEL_FLOOR`] times the channel's largest value, squared.
 pub fn gather(
     channels: Vec<String>,
     locals: &[LocalAngle],
     views: &[Vec<Vec<Option<ViewSample>>>],
 ) -> (Samples, Vec<Vec<f32>>) {
     let mut all_pixels = Vec::with_capacity(locals.len());
+    let floor: Vec<f64> = (0..channels.len())
+        .map(|c| {
+            let values = views.iter().flat_map(|v| v[c].iter().flatten());
+            let largest = values.fold(0.0f64, |a, s| a.max(s.value.abs()));
+            (MODEL_FLOOR * largest).powi(2)
+        })
+        .collect();
     let columns = locals
         .iter()
         .enumerate()
@@ -113,8 +126,9 @@ pub fn gather(
                 pixels.push(any.pixels);
                 for (c, sample) in here.iter().enumerate() {
                     column.value[c].push(sample.map_or(0.0, |s| s.value));
-                    column.variance[c]
-                        .push(sample.map_or(f64::INFINITY, |s| s.variance + s.geometric));
+                    column.variance[c].push(
+                        sample.map_or(f64::INFINITY, |s| s.variance + s.geometric + floor[c]),
+                    );
                 }
             }
             all_pixels.push(pixels);

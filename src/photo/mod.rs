@@ -86,6 +86,9 @@ pub struct Info {
     pub shot: Shot,
 }
 
+/// The largest width or height of an image, pixels: products of sizes then stay far below 2^64.
+const LARGEST_SIDE: u32 = 1 << 20;
+
 /// Pixels by channel: \[channel\]\[row-major pixel\].
 type Planes = Vec<Vec<f32>>;
 
@@ -230,6 +233,12 @@ impl Header {
 
 /// The rows that are wanted, or an error if the image has no such rows.
 fn wanted(rows: Option<Range<u32>>, size: [u32; 2]) -> Result<Range<u32>> {
+    if size.iter().any(|side| !(1..=LARGEST_SIDE).contains(side)) {
+        return Err(Error::input(format!(
+            "expected an image of 1 to {LARGEST_SIDE} pixels a side, found {} x {}",
+            size[0], size[1]
+        )));
+    }
     let rows = rows.unwrap_or(0..size[1]);
     if rows.start >= rows.end || rows.end > size[1] {
         return Err(Error::input(format!(

@@ -367,6 +367,40 @@ fn exif_is_read_and_turns_the_picture() {
 }
 
 #[test]
+fn a_tiff_that_declares_more_than_it_holds_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(&folder, "a.tif");
+    for (width, height, expected) in [
+        (u32::MAX, u32::MAX, "pixels a side"),
+        (1 << 20, 1 << 20, "bytes can hold"),
+    ] {
+        let mut bytes = b"II*\0\x08\0\0\0".to_vec();
+        let entries: [(u16, u16, u32, u32); 9] = [
+            (256, 4, 1, width),
+            (257, 4, 1, height),
+            (258, 3, 1, 8),
+            (259, 3, 1, 1),
+            (262, 3, 1, 1),
+            (273, 4, 1, 8),
+            (277, 3, 1, 1),
+            (278, 4, 1, height),
+            (279, 4, 1, 100),
+        ];
+        bytes.extend((entries.len() as u16).to_le_bytes());
+        for (tag, kind, n, value) in entries {
+            bytes.extend(tag.to_le_bytes());
+            bytes.extend(kind.to_le_bytes());
+            bytes.extend(n.to_le_bytes());
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.resize(400, 0);
+        std::fs::write(&path, bytes).unwrap();
+        let error = read(&path, None).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
 fn what_is_no_photo_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let path = file(&folder, "a.png");

@@ -115,9 +115,12 @@ impl Layout {
         )?;
         let across = width.div_ceil(chunk_width);
         let down = height.div_ceil(chunk_height);
-        let per_plane = across.checked_mul(down).ok_or_else(|| {
-            Error::input("the TIFF is damaged: it has more tiles than can be counted")
-        })?;
+        let chunks = across.checked_mul(down);
+        let per_plane = chunks
+            .filter(|n| n.checked_mul(self.samples as u32).is_some())
+            .ok_or_else(|| {
+                Error::input("the TIFF is damaged: it has more tiles than can be counted")
+            })?;
         let mut planes = vec![vec![f32::NAN; pixels]; self.channels];
         for row in rows.start / chunk_height..=(rows.end - 1) / chunk_height {
             for column in 0..across {

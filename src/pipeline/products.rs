@@ -241,7 +241,8 @@ impl Folder {
         let held: Option<Provenance> = fs::read(self.path.join(PROVENANCE))
             .ok()
             .and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        if let Some(held) = &held
+        if !force
+            && let Some(held) = &held
             && held.version == env!("CARGO_PKG_VERSION")
             && held.format == FORMAT
             && held.inputs == *inputs

@@ -35,11 +35,7 @@ pub(super) fn time_factors(planes: &[Bracket<'_>], files: &[&Path]) -> Result<Ve
         .unwrap_or_default();
     let n = seconds.len();
     let expected: Vec<Vec<f32>> = planes.iter().map(Bracket::expected).collect();
-    let mut order: Vec<usize> = (0..n).collect();
-    order.sort_by(|&a, &b| {
-        let time = |i: usize| seconds.get(i).copied().unwrap_or(0.0);
-        time(a).total_cmp(&time(b))
-    });
+    let order = by_time(&seconds);
     let mut matrix = DMatrix::<f64>::identity(n, n) / (TIME_ERROR * TIME_ERROR);
     let mut right = DVector::<f64>::zeros(n);
     for pair in order.windows(2) {
@@ -84,6 +80,13 @@ pub(super) fn time_factors(planes: &[Bracket<'_>], files: &[&Path]) -> Result<Ve
     })
 }
 
+/// Indices of the exposures, the shortest first.
+pub(super) fn by_time(seconds: &[f64]) -> Vec<usize> {
+    let mut order: Vec<(usize, f64)> = seconds.iter().copied().enumerate().collect();
+    order.sort_by(|a, b| a.1.total_cmp(&b.1));
+    order.into_iter().map(|(i, _)| i).collect()
+}
+
 /// Log of the ratio (long over short) of the radiances that two exposures show, and its σ; `None`
 /// if they share too little.
 ///
@@ -99,39 +102,9 @@ fn log_ratio(
     let mut variances = [0.0; 2];
     let mut count = 0;
     for (plane, expected) in planes.iter().zip(expected) {
-        let levels = plane.exposures.get(long)?.levels.get(plane.channel)?;
-        let brightest = if levels.white.is_finite() {
-            levels.white
-        } else {
-            let reach = plane
-                .measurements(0)
-                .find(|m| m.exposure == long)
-                .map_or(1.0, |m| m.reach);
-            reach
-                * expected
-                    .iter()
-                    .filter(|e| e.is_finite())
-                    .fold(0.0, |a: f64, &e| a.max(e.into()))
-        };
-        for (i, &e) in expected.iter().enumerate() {
-            let Some([s, l]) = both(plane, i, short, long) else {
-                continue;
-            };
-            let signal = [f64::from(e) * s.reach, f64::from(e) * l.reach];
-            let variance = [(s, signal[0]), (l, signal[1])]
-                .map(|(m, p)| m.rounding + plane.noise.map_or(0.0, |noise| noise.variance(p)));
-            let usable = match plane.noise {
-                Some(_) => {
-                    signal[1] + 4.0 * variance[1].sqrt() < levels.white
-                        && signal[0] > 10.0 * variance[0].sqrt()
-                }
-                None => signal[1] < 0.9 * brightest && signal[0] > 0.01 * brightest,
-            };
-            if !usable {
-                continue;
-            }
+        for (_, measured, variance) in shared(plane, expected, short, long) {
             count += 1;
-            for (k, m) in [s, l].into_iter().enumerate() {
+            for (k, m) in measured.into_iter().enumerate() {
                 sums[k] += m.signal / m.reach;
                 variances[k] += variance[k] / (m.reach * m.reach);
             }
@@ -143,6 +116,42 @@ fn log_ratio(
     let variance = variances[0] / (sums[0] * sums[0]) + variances[1] / (sums[1] * sums[1]);
     // Nothing about a camera is stable to better than a part in ten thousand.
     Some(((sums[1] / sums[0]).ln(), (variance + 1e-8).sqrt()))
+}
+
+/// Pixels that two exposures both show well, by their expected signal: their index, measurements
+/// and expected variances (rounding only if the noise is not known).
+pub(super) fn shared<'a>(
+    plane: &'a Bracket<'_>,
+    expected: &'a [f32],
+    short: usize,
+    long: usize,
+) -> impl Iterator<Item = (usize, [Measurement; 2], [f64; 2])> {
+    let white = plane
+        .exposures
+        .get(long)
+        .and_then(|e| e.levels.get(plane.channel))
+        .map_or(f64::INFINITY, |levels| levels.white);
+    let largest = expected
+        .iter()
+        .filter(|e| e.is_finite())
+        .fold(0.0, |a: f64, &e| a.max(e.into()));
+    expected.iter().enumerate().filter_map(move |(i, &e)| {
+        let [s, l] = both(plane, i, short, long)?;
+        let signal = [s, l].map(|m| f64::from(e) * m.reach);
+        let variance = [(s, signal[0]), (l, signal[1])]
+            .map(|(m, p)| m.rounding + plane.noise.map_or(0.0, |n| n.variance(p)));
+        let usable = match plane.noise {
+            Some(_) => {
+                signal[1] + 4.0 * variance[1].sqrt() < white
+                    && signal[0] > 10.0 * variance[0].sqrt()
+            }
+            None => {
+                let brightest = white.min(largest * l.reach);
+                signal[1] < 0.9 * brightest && signal[0] > 0.01 * brightest
+            }
+        };
+        usable.then_some((i, [s, l], variance))
+    })
 }
 
 /// A pixel's measurements in two exposures, if it is unclipped in both.
@@ -166,11 +175,7 @@ fn both(plane: &Bracket<'_>, pixel: usize, short: usize, long: usize) -> Option<
 /// one: a straight line in p for each pair, fitted over bins of p.
 pub(super) fn noise(plane: &Bracket<'_>) -> Option<Noise> {
     let expected = plane.expected();
-    let mut order: Vec<usize> = (0..plane.seconds.len()).collect();
-    order.sort_by(|&a, &b| {
-        let time = |i: usize| plane.seconds.get(i).copied().unwrap_or(0.0);
-        time(a).total_cmp(&time(b))
-    });
+    let order = by_time(&plane.seconds);
     // Normal equations of the weighted fit of [shot, read].
     let (mut aa, mut ab, mut bb, mut ay, mut by, mut bins) = (0.0, 0.0, 0.0, 0.0, 0.0, 0);
     for pair in order.windows(2) {

@@ -71,28 +71,44 @@ impl Exposure {
         };
         let mut rounding_variance = Vec::with_capacity(signal.len());
         let mut levels = Vec::with_capacity(signal.len());
+        let step = code_step(&signal, storage);
         for (c, plane) in signal.iter_mut().enumerate() {
             let level = Levels::of(&capture.sensor, &response, c, storage)?;
             let dark = dark.and_then(|d| d.values.get(c).or(d.values.first()));
             let curve = Curve::new(&response, c, storage);
             let least = least_rounding(plane, storage);
             let mut variance = vec![0.0; plane.len()];
-            for (i, (x, variance)) in plane.iter_mut().zip(&mut variance).enumerate() {
-                let stored = *x;
-                if stored.is_nan() || f64::from(stored) >= level.white_stored {
-                    *x = f32::NAN;
-                    *variance = f32::INFINITY;
-                    continue;
+            let white = level.white_stored as f32;
+            if response == Response::Linear && dark.is_none() && brightest.is_none() {
+                let black = level.black as f32;
+                for (x, variance) in plane.iter_mut().zip(&mut variance) {
+                    let unclipped = *x < white;
+                    *variance = if unclipped {
+                        (step * rounding(*x, storage)).max(least)
+                    } else {
+                        f32::INFINITY
+                    };
+                    *x = if unclipped { *x - black } else { f32::NAN };
                 }
-                let (linear, slope) = curve.at(stored);
-                let black = match dark.and_then(|d| d.get(i)) {
-                    Some(&dark) => curve.at(dark).0,
-                    None => level.black as f32,
-                };
-                *x = linear - black;
-                let largest = brightest.as_ref().and_then(|b| b.get(i)).copied();
-                let stored_variance = rounding(largest.unwrap_or(stored), storage).max(least);
-                *variance = stored_variance * slope * slope;
+            } else {
+                for (i, (x, variance)) in plane.iter_mut().zip(&mut variance).enumerate() {
+                    let stored = *x;
+                    if stored.is_nan() || stored >= white {
+                        *x = f32::NAN;
+                        *variance = f32::INFINITY;
+                        continue;
+                    }
+                    let (linear, slope) = curve.at(stored);
+                    let black = match dark.and_then(|d| d.get(i)) {
+                        Some(&dark) => curve.at(dark).0,
+                        None => level.black as f32,
+                    };
+                    *x = linear - black;
+                    let largest = brightest.as_ref().and_then(|b| b.get(i)).copied();
+                    let stored_variance =
+                        (step * rounding(largest.unwrap_or(stored), storage)).max(least);
+                    *variance = stored_variance * slope * slope;
+                }
             }
             rounding_variance.push(variance);
             levels.push(level);
@@ -107,6 +123,25 @@ impl Exposure {
             response,
         })
     }
+}
+
+/// Square of the step between the codes that occur: sensors of 12 or 14 bits are often stored in the
+/// upper bits of 16, which leaves the lower ones 0 in every pixel.
+fn code_step(planes: &[Vec<f32>], storage: Storage) -> f32 {
+    let Storage::Integer { max: 256.. } = storage else {
+        return 1.0;
+    };
+    let mut bits = 0_u32;
+    for plane in planes {
+        for &value in plane {
+            bits |= value as u32;
+            if bits & 1 == 1 {
+                return 1.0;
+            }
+        }
+    }
+    let step = (1_u32 << bits.trailing_zeros().min(8)) as f32;
+    step * step
 }
 
 /// The brightest channel by pixel.

@@ -13,6 +13,7 @@ use super::Radiance;
 use super::brackets;
 use super::calibration;
 use super::exposure::Exposure;
+use super::motion;
 use super::noise::Noise;
 use super::smooth;
 use crate::capture::{Capture, View};
@@ -31,7 +32,8 @@ const CLIP_MARGIN: f64 = 3.0;
 ///
 /// # Errors
 /// There is no such view; a photo cannot be read or differs from the others in size, channels or
-/// storage; the sensor's description is incomplete; the exposure times contradict the pixels.
+/// storage; the sensor's description is incomplete; the exposure times contradict the pixels; the
+/// camera moved between exposures.
 pub fn view(capture: &Capture, index: usize, rows: Range<u32>) -> Result<Radiance> {
     let view = capture.views.get(index).ok_or_else(|| {
         Error::input(format!(
@@ -102,7 +104,18 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Radiance>
         }
     }
     let noise_known = planes.iter().all(|plane| plane.noise.is_some());
-    let (value, variance) = planes.iter().map(Bracket::merge).unzip();
+    let (value, variance) = match exposures.as_slice() {
+        [only] if !noise_known => planes.iter().map(|plane| plane.scale(only)).unzip(),
+        _ => {
+            let expected: Vec<Vec<f32>> = planes.iter().map(Bracket::expected).collect();
+            motion::check(&planes, &expected, &files)?;
+            planes
+                .iter()
+                .zip(&expected)
+                .map(|(plane, expected)| plane.merge(expected))
+                .unzip()
+        }
+    };
     Ok(Radiance {
         size: capture.camera.image_size,
         rows,
@@ -194,16 +207,12 @@ impl Bracket<'_> {
     }
 
     /// Radiance and variance by pixel.
-    fn merge(&self) -> (Vec<f32>, Vec<f32>) {
-        let expected = if self.noise.is_some() || self.exposures.len() > 1 {
-            self.expected()
-        } else {
-            Vec::new()
-        };
-        (0..self.pixels())
-            .map(|i| {
-                let expected = expected.get(i).map(|&e| f64::from(e));
-                self.merge_pixel(i, expected)
+    fn merge(&self, expected: &[f32]) -> (Vec<f32>, Vec<f32>) {
+        expected
+            .iter()
+            .enumerate()
+            .map(|(i, &expected)| {
+                self.merge_pixel(i, f64::from(expected))
                     .map_or((0.0, f32::INFINITY), |(value, variance)| {
                         (value as f32, variance as f32)
                     })
@@ -211,12 +220,39 @@ impl Bracket<'_> {
             .unzip()
     }
 
-    fn merge_pixel(&self, pixel: usize, expected: Option<f64>) -> Option<(f64, f64)> {
+    /// Radiance and variance of a single exposure whose noise is not known: nothing to weigh.
+    fn scale(&self, only: &Exposure) -> (Vec<f32>, Vec<f32>) {
+        let plane = |planes: &[Vec<f32>]| planes.get(self.channel).cloned().unwrap_or_default();
+        let mut value = plane(&only.signal);
+        let mut variance = plane(&only.rounding);
+        let seconds = self.seconds.first().copied().unwrap_or(1.0);
+        let scale = only
+            .levels
+            .get(self.channel)
+            .map_or(1.0, |levels| levels.scale);
+        let reach = (seconds * scale) as f32;
+        for (i, (value, variance)) in value.iter_mut().zip(&mut variance).enumerate() {
+            let light = self
+                .illumination
+                .map_or(1.0, |f| f.get(i).copied().unwrap_or(f32::NAN));
+            let reach = reach * light;
+            if value.is_finite() && reach > 0.0 {
+                *value /= reach;
+                *variance /= reach * reach;
+            } else {
+                *value = 0.0;
+                *variance = f32::INFINITY;
+            }
+        }
+        (value, variance)
+    }
+
+    fn merge_pixel(&self, pixel: usize, expected: f64) -> Option<(f64, f64)> {
         let (mut weights, mut sum) = (0.0, 0.0);
         let mut dimmest_use: Option<(Measurement, f64)> = None;
         for m in self.measurements(pixel) {
             let mut variance = m.rounding;
-            if let (Some(noise), Some(expected)) = (self.noise, expected) {
+            if let Some(noise) = self.noise {
                 let signal = expected * m.reach;
                 variance += noise.variance(signal);
                 let margin = CLIP_MARGIN * variance.sqrt();

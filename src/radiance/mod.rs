@@ -15,6 +15,7 @@ mod brackets;
 mod calibration;
 mod exposure;
 mod merge;
+mod motion;
 mod noise;
 mod response;
 mod smooth;

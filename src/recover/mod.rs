@@ -1,6 +1,7 @@
 //! The inverse directions: lighting, BRDF, or both from a light field.
 
 pub mod brdf;
+pub mod factorise;
 pub mod lighting;
 pub mod normal;
 

@@ -31,6 +31,10 @@ pub struct NormalSystem {
     pub square: f64,
     /// Number of samples with finite variance.
     pub count: usize,
+    /// Sum of their weights.
+    pub weight: f64,
+    /// Their largest |b|.
+    pub largest: f64,
     /// H_p(θo′) for each column, \[column\]\[p\], 0 ≤ p ≤ P.
     pub transfer: Vec<Vec<Complex64>>,
 }
@@ -139,6 +143,8 @@ impl NormalSystem {
             vector: sum.vector,
             square: sum.square,
             count: sum.count,
+            weight: sum.weight,
+            largest: sum.largest,
             transfer,
         }
     }
@@ -220,6 +226,8 @@ struct Part {
     vector: Vec<f64>,
     square: f64,
     count: usize,
+    weight: f64,
+    largest: f64,
 }
 
 impl Part {
@@ -231,6 +239,8 @@ impl Part {
             vector: vec![0.0; n],
             square: 0.0,
             count: 0,
+            weight: 0.0,
+            largest: 0.0,
         }
     }
 
@@ -243,6 +253,8 @@ impl Part {
         }
         self.square += other.square;
         self.count += other.count;
+        self.weight += other.weight;
+        self.largest = self.largest.max(other.largest);
     }
 
     fn add(&mut self, column: &Column, channel: usize, h: &[Complex64]) {
@@ -261,6 +273,8 @@ impl Part {
                 *out = w * b;
                 self.square += w * b * b;
                 self.count += 1;
+                self.weight += w;
+                self.largest = self.largest.max(b.abs());
             }
         }
         add_projection(

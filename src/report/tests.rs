@@ -7,10 +7,12 @@ use num_complex::Complex64;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::figure::lighting_curve::beside_sources;
 use super::page;
 use crate::angle::{LocalAngle, WorldAngle, wrap};
 use crate::brdf::{Brdf, transfer_row};
 use crate::error::Result;
+use crate::fourier::Series;
 use crate::grid::Grid;
 use crate::light_field::LightField;
 use crate::pipeline::{Preview, Run, Spectrum, ViewRecord};
@@ -87,7 +89,6 @@ fn sun_run() -> Run {
     residual.sigma = field.sigma.clone();
     residual.weight = field.weight.clone();
     Run {
-        view_residual: None,
         title: "One sun on a red velvet cylinder".to_owned(),
         recover: "lighting".to_owned(),
         capture_toml: "format = 1\nname = \"red velvet\"\n\n[object]\nshape = \"cylinder\"\nradius = 0.05\n\n[camera]\nprojection = \"perspective\"\ndistance = 0.6\n".to_owned(),
@@ -100,6 +101,7 @@ fn sun_run() -> Run {
         previews: previews(),
         spectrum: spectrum(),
         residual: Some(residual),
+        view_residual: None,
         lighting: Some(lighting()),
         light_field: field,
         warnings: vec!["Two views (12, 40) are 0.4 % brighter than their neighbours; check that the lamp was stable, or give per-view gains.".to_owned()],
@@ -262,8 +264,16 @@ fn lighting() -> LightingEstimate {
                 name: NAMES[c].to_owned(),
                 table_sigma: table.iter().map(|v| 0.002 + 0.02 * v.min(0.2)).collect(),
                 table,
-                smooth: crate::fourier::Series::zero(0),
-                irradiance: vec![0.0],
+                // The sky of the table: 1 + 0.8 cos(θ − 1.2) + 0.2 sin 3θ.
+                smooth: Series {
+                    coefficients: vec![
+                        Complex64::new(FILL[c], 0.0),
+                        0.4 * FILL[c] * Complex64::cis(-1.2),
+                        Complex64::ZERO,
+                        Complex64::new(0.0, -0.1 * FILL[c]),
+                    ],
+                },
+                irradiance: vec![SUN[c]],
                 spectrum,
                 determined_band: Some(14),
                 residual_rms: 0.0011,
@@ -484,4 +494,18 @@ fn a_dense_noisy_field_still_fits_into_the_size_of_a_page() -> Result<()> {
     let html = page(&run)?;
     assert!(html.len() < 3_000_000, "{} bytes", html.len());
     Ok(())
+}
+
+#[test]
+fn the_curve_beside_a_source_is_the_smooth_light_alone() {
+    let estimate = lighting();
+    for (c, channel) in estimate.channels.iter().enumerate() {
+        for at in beside_sources(&estimate, channel) {
+            let theta = at.theta_deg.to_radians();
+            let sky = FILL[c] * (1.0 + 0.8 * (theta - 1.2).cos() + 0.2 * (3.0 * theta).sin());
+            // Both are the same closed form, but for rounding.
+            assert!((at.value - sky).abs() < 1e-12, "{} {}", at.value, sky);
+            assert_eq!(at.half.is_nan(), (at.theta_deg - SUN_DEG).abs() < 0.5);
+        }
+    }
 }

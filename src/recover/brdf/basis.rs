@@ -51,11 +51,6 @@ impl Basis {
         }
     }
 
-    /// Number of knot intervals.
-    pub fn intervals(&self) -> usize {
-        self.intervals
-    }
-
     /// Number of functions.
     pub fn len(&self) -> usize {
         self.intervals + DEGREE - 2
@@ -92,7 +87,7 @@ impl Basis {
     /// The functions at `angle`; none outside ±π/2 (Cox–de Boor recurrence).
     pub fn at(&self, angle: f64) -> Local {
         let mut values = [0.0; DEGREE + 1];
-        if !(angle.abs() <= FRAC_PI_2) {
+        if angle.is_nan() || angle.abs() > FRAC_PI_2 {
             return Local {
                 first: 0,
                 count: 0,
@@ -109,11 +104,11 @@ impl Basis {
         b[0] = 1.0;
         for degree in 1..=DEGREE {
             let mut carry = 0.0;
-            for r in 0..degree {
+            for (r, value) in b.iter_mut().enumerate().take(degree) {
                 let right = knot(r as isize + 1);
                 let left = knot(r as isize + 1 - degree as isize);
-                let term = b[r] / (right - left);
-                b[r] = carry + (right - x) * term;
+                let term = *value / (right - left);
+                *value = carry + (right - x) * term;
                 carry = (x - left) * term;
             }
             b[degree] = carry;

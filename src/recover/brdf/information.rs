@@ -247,7 +247,7 @@ fn reduce(
 ) -> Option<(ColumnInformation, usize, f64)> {
     let local = column.local.rad();
     // Below 1e-6 rad from the horizon the division by the cosine has no meaning.
-    if !(local.abs() < FRAC_PI_2 - 1e-6) {
+    if local.is_nan() || local.abs() > FRAC_PI_2 - 1e-6 {
         return None;
     }
     let (values, variances) = (column.value.get(channel)?, column.variance.get(channel)?);

@@ -11,12 +11,13 @@
 //! sources at their exact angles. ρ̃ is fitted rather than ρ because it is the quantity that is bounded and
 //! continuous at grazing angles, and the one that is symmetric.
 //!
-//! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the
-//! maximum of the posterior under a Gaussian prior of precision P ([`Smoothness`]: size, bending across and along the lobe),
-//! c = (J + P)⁻¹ h; the three weights of P maximise the marginal likelihood of the samples, and P is capped so that it carries
-//! no value farther than [`Options::longest`]. σ is from (J + P)⁻¹. As a confidence interval it covers what it claims when averaged over
-//! the slice (Nychka, "Bayesian confidence intervals for smoothing splines", JASA 83, 1988), because
-//! it holds the expected squared bias of smoothing beside the variance.
+//! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the maximum
+//! of the posterior, c = (J + P)⁻¹ h under c ≥ 0, with a Gaussian prior of precision P: the size of ρ̃ and its roughness across and along
+//! the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe fills a
+//! small part of it. All of it maximises the marginal likelihood of the samples. σ is from (J + P)⁻¹. As a
+//! confidence interval it covers what it claims when averaged over the slice (Nychka, "Bayesian confidence
+//! intervals for smoothing splines", JASA 83, 1988), because it holds the expected squared bias of smoothing
+//! beside the variance.
 //!
 //! # What is determined, and the bound
 //!
@@ -32,21 +33,22 @@
 //!   smoothness, between views or beyond the resolution of the light.
 //! * *indeterminate*: the rest. Under uniform light that is everything but ρ̃_{0,q}, and every single value of the slice.
 //!
+//! For this judgement the prior's correlation lengths are held to [`Options::longest`], so that no smoothness, however
+//! strongly the seen part suggests it, carries a value far into what was never seen.
+//!
 //! The prior enters only as the size that a quantity could be expected to have. The bound of the white ε
 //! knows nothing of smoothness, so it does not flatter a prior that is wrong.
 
 mod basis;
 mod estimate;
 mod evidence;
+mod fit;
 mod information;
 mod posterior;
 mod prior;
 mod spectrum;
 
-use std::f64::consts::{FRAC_PI_2, PI};
-
-use faer::Mat;
-use num_complex::Complex64;
+use std::f64::consts::PI;
 
 use crate::light_field::Samples;
 use crate::lighting::Lighting;
@@ -54,16 +56,25 @@ use crate::{Error, Result};
 use basis::Basis;
 pub use estimate::{BrdfEstimate, Coefficient, Slice, Status};
 pub use evidence::CurvePoint;
+use fit::{Fit, Reach, vague};
 use information::{Illumination, Information};
-use posterior::Posterior;
+use prior::Relief;
 pub use prior::Smoothness;
-use prior::{Factor, Penalties};
+
+/// Longest correlation length that is learnt, radians.
+const LONGEST: f64 = 1.0;
 
 /// Intervals of the splines on which the prior's weights are learnt.
 const COARSE: usize = 40;
 
-/// How many times the largest value of the slice a coefficient may be in the problem without smoothness.
-const VAGUE: f64 = 100.0;
+/// Intervals of the splines of the result: 3° hold a lobe of exponent 128 to 1e-5.
+const INTERVALS: usize = 60;
+
+/// The same where that is not enough; 2.5° hold it to a third of that.
+const FINE: usize = 72;
+
+/// Error of the splines, in units of σ, beyond which finer ones are taken: a fifth adds 2 % to the total.
+const TOLERATED: f64 = 0.2;
 
 /// How the weight of the prior is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,15 +96,17 @@ pub enum Regularisation {
 pub struct Options {
     /// Cells of the half × half grid of the result along each side.
     pub size: usize,
-    /// Knot intervals of the splines over the half circle.
-    pub intervals: usize,
+    /// Knot intervals of the splines over the half circle; `None`: 60, or 72 if the lobe is sharp and the noise so low
+    /// that the splines themselves would limit the result.
+    pub intervals: Option<usize>,
     /// Highest frequency of the spectrum.
     pub order: usize,
     /// How the weight of the prior is chosen.
     pub regularisation: Regularisation,
     /// Whether ρ ≥ 0 is demanded.
     pub non_negative: bool,
-    /// Longest correlation length the prior may have, radians.
+    /// How far from what was seen smoothness may fill in, radians: the longest correlation length by which the status of a
+    /// value is judged.
     pub longest: f64,
 }
 
@@ -101,7 +114,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             size: 180,
-            intervals: 60,
+            intervals: None,
             order: 24,
             regularisation: Regularisation::Evidence,
             non_negative: true,
@@ -164,7 +177,12 @@ fn check(options: &Options) -> Result<()> {
         }
     };
     number("a grid size", options.size, 2, 2000)?;
-    number("knot intervals", options.intervals, 12, 100)?;
+    number(
+        "knot intervals",
+        options.intervals.unwrap_or(INTERVALS),
+        12,
+        100,
+    )?;
     number("a highest frequency", options.order, 0, 90)?;
     if !(options.longest > 0.0 && options.longest < PI) {
         return Err(Error::input(format!(
@@ -192,7 +210,8 @@ fn recover_channel(
     options: &Options,
 ) -> Result<Slice> {
     let name = samples.channels.get(channel).map_or("", String::as_str);
-    let coarse_basis = Basis::new(COARSE.min(options.intervals));
+    let intervals = options.intervals.unwrap_or(INTERVALS);
+    let coarse_basis = Basis::new(COARSE.min(intervals));
     let light = Illumination::new(coarse_basis, lighting, light_channel);
     if light.is_dark() {
         return Err(
@@ -207,10 +226,7 @@ fn recover_channel(
         ))
         .advice("check the exposure, the mask and the limb cut"));
     }
-    let learnt = evidence::learn(&coarse, options.longest, 1.0)?;
-    let basis = Basis::new(options.intervals);
-    let light = Illumination::new(basis, lighting, light_channel);
-    let information = Information::new(samples, channel, &light);
+    let learnt = evidence::learn(&coarse, LONGEST)?;
     let smoothness = match options.regularisation {
         Regularisation::Evidence => learnt.smoothness,
         Regularisation::Gcv => {
@@ -223,179 +239,41 @@ fn recover_channel(
         }
         Regularisation::Factor(f) => learnt.smoothness.times(f),
         Regularisation::Fixed(s) => s,
-        Regularisation::None => vague(basis, largest_of(&coarse, &learnt)?),
+        Regularisation::None => vague(coarse_basis, learnt.largest),
     };
-    let penalties = Penalties::new(basis);
-    let mut noise = 1.0;
-    let mut posterior;
-    let mut chi_square;
-    let mut parameters;
-    let mut round = 0;
-    loop {
-        posterior = Posterior::new(&information, &smoothness, noise, options.non_negative)?;
-        chi_square = information.chi_square(&posterior.mean);
-        parameters = basis.pairs() as f64 - penalties.trace(&smoothness, &posterior.covariance);
-        let free = information.count as f64 - parameters;
-        let reduced = chi_square / free.max(1.0);
-        round += 1;
-        // Beyond five standard deviations of χ² the variances are too small, or the model is wrong.
-        if round > 1
-            || free < 0.05 * information.count as f64
-            || reduced < 1.0 + 5.0 * (2.0 / free).sqrt()
-        {
-            break;
-        }
-        noise = reduced;
+    let relief = match options.regularisation {
+        Regularisation::Fixed(_) | Regularisation::None => Relief::flat(coarse_basis),
+        _ => learnt.relief,
+    };
+    let fit = |intervals: usize| -> Result<Fit> {
+        let basis = Basis::new(intervals);
+        let light = Illumination::new(basis, lighting, light_channel);
+        let information = Information::new(samples, channel, &light);
+        Fit::new(information, smoothness, &relief, options.non_negative)
+    };
+    let mut fitted = fit(intervals)?;
+    if options.intervals.is_none() && fitted.spline_error() > TOLERATED {
+        drop(fitted);
+        fitted = fit(FINE)?;
     }
-    let fit = Fit {
-        basis,
-        information: &information,
-        posterior: &posterior,
-        smoothness,
-        noise,
-    };
-    let grid = fit.grid(options.size)?;
-    let spectrum = fit.spectrum(options.order, &grid.vague)?;
+    let reach = Reach::new(&coarse, &smoothness, &relief, options.longest)?;
+    let grid = fitted.grid(options.size, &reach)?;
+    let spectrum = fitted.spectrum(options.order, &grid.vague, &reach)?;
     Ok(Slice {
         reciprocal: grid.values,
         sigma: grid.sigma,
         bound: grid.bound,
         status: grid.status,
         spectrum,
-        chi_square,
-        samples: information.count,
-        parameters,
-        noise,
+        chi_square: fitted.chi_square,
+        samples: fitted.information.count,
+        parameters: fitted.parameters,
+        noise: fitted.noise,
         smoothness,
         curve: learnt.curve,
-        resolution: basis.spacing(),
-        held: posterior.held,
+        resolution: fitted.basis().spacing(),
+        held: fitted.posterior.held,
     })
-}
-
-/// White prior that allows coefficients of [`VAGUE`] times `largest`.
-fn vague(basis: Basis, largest: f64) -> Smoothness {
-    let size = VAGUE * largest.max(f64::MIN_POSITIVE.sqrt());
-    Smoothness {
-        amplitude: (basis.spacing() * size).powi(-2),
-        across: 0.0,
-        along: 0.0,
-    }
-}
-
-fn largest_of(information: &Information, learnt: &evidence::Learnt) -> Result<f64> {
-    let fit = Posterior::new(information, &learnt.smoothness, learnt.noise, false)?;
-    Ok(fit.mean.iter().fold(0.0, |m, v| v.abs().max(m)))
-}
-
-fn classify(bound: f64, sigma: f64, prior: f64) -> Status {
-    if bound <= 0.5 * prior && bound <= 10.0 * sigma {
-        Status::Determined
-    } else if sigma <= 0.5 * prior {
-        Status::Weak
-    } else {
-        Status::Indeterminate
-    }
-}
-
-/// A finished fit, to be read out.
-struct Fit<'a> {
-    basis: Basis,
-    information: &'a Information,
-    posterior: &'a Posterior,
-    smoothness: Smoothness,
-    noise: f64,
-}
-
-struct GridValues {
-    values: Vec<f64>,
-    sigma: Vec<f64>,
-    bound: Vec<f64>,
-    status: Vec<Status>,
-    /// Factor of the problem without smoothness.
-    vague: Factor,
-}
-
-impl Fit<'_> {
-    /// The prior's factor on splines coarse enough that it costs little.
-    fn prior(&self) -> Result<(Basis, Factor)> {
-        let basis = Basis::new(COARSE.min(self.basis.intervals()));
-        let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
-        Penalties::new(basis).add_dense(&self.smoothness, &mut matrix);
-        Ok((basis, Factor::new(&matrix)?))
-    }
-
-    fn grid(&self, size: usize) -> Result<GridValues> {
-        let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / size as f64;
-        let mut values = vec![0.0; size * size];
-        for i in 0..size {
-            for j in 0..=i {
-                let v = posterior::apply(
-                    &posterior::value_at(self.basis, angle(i), angle(j)),
-                    &self.posterior.mean,
-                );
-                values[i * size + j] = v;
-                values[j * size + i] = v;
-            }
-        }
-        let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let mut matrix = self.information.dense(1.0 / self.noise);
-        Penalties::new(self.basis).add_dense(&vague(self.basis, largest), &mut matrix);
-        let vague = Factor::new(&matrix)?;
-        drop(matrix);
-        let free = vague.inverse();
-        let (prior_basis, prior) = self.prior()?;
-        let prior = prior.inverse();
-        let mut sigma = vec![0.0; size * size];
-        let mut bound = sigma.clone();
-        let mut status = vec![Status::Indeterminate; size * size];
-        for i in 0..size {
-            for j in 0..=i {
-                let functional = posterior::value_at(self.basis, angle(i), angle(j));
-                let s = posterior::variance(&functional, &self.posterior.covariance).sqrt();
-                let b = posterior::variance(&functional, &free).sqrt();
-                let p = posterior::variance(
-                    &posterior::value_at(prior_basis, angle(i), angle(j)),
-                    &prior,
-                )
-                .sqrt();
-                for k in [i * size + j, j * size + i] {
-                    sigma[k] = s;
-                    bound[k] = b;
-                    status[k] = classify(b, s, p);
-                }
-            }
-        }
-        Ok(GridValues {
-            values,
-            sigma,
-            bound,
-            status,
-            vague,
-        })
-    }
-
-    fn spectrum(&self, order: usize, vague: &Factor) -> Result<Vec<Coefficient>> {
-        let functionals = spectrum::functionals(self.basis, order);
-        let sigma = spectrum::sigmas(&functionals, &self.posterior.factor);
-        let bound = spectrum::sigmas(&functionals, vague);
-        let (prior_basis, prior) = self.prior()?;
-        let prior = spectrum::sigmas(&spectrum::functionals(prior_basis, order), &prior);
-        let x = &self.posterior.mean;
-        let dot = |j: usize| -> f64 { functionals.col(j).iter().zip(x).map(|(w, x)| w * x).sum() };
-        Ok(spectrum::indices(order)
-            .into_iter()
-            .enumerate()
-            .map(|(k, (p, q))| Coefficient {
-                p,
-                q,
-                value: Complex64::new(dot(2 * k), dot(2 * k + 1)),
-                sigma: sigma[k],
-                bound: bound[k],
-                status: classify(bound[k], sigma[k], prior[k]),
-            })
-            .collect())
-    }
 }
 
 #[cfg(test)]

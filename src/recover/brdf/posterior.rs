@@ -11,7 +11,10 @@ use crate::Result;
 const ROUNDS: usize = 40;
 
 /// Weight of the logarithmic barrier at which the covariance is taken.
-const BARRIER: f64 = 1.0;
+const BARRIER: f64 = 3.0;
+
+/// How many σ above 0 a coefficient is safe from the constraint.
+const CONTESTED: f64 = 6.0;
 
 /// A change of χ² that nobody needs.
 const NEGLIGIBLE: f64 = 0.05;
@@ -39,32 +42,82 @@ impl Posterior {
     /// If the normal equations cannot be factored.
     pub fn new(
         information: &Information,
+        penalties: &Penalties,
         smoothness: &Smoothness,
         noise: f64,
         non_negative: bool,
     ) -> Result<Self> {
         let mut matrix = information.dense(1.0 / noise);
-        Penalties::new(information.basis).add_dense(smoothness, &mut matrix);
+        penalties.add_dense(smoothness, &mut matrix);
         let rhs: Vec<f64> = information.right_side().iter().map(|h| h / noise).collect();
-        let mut factor = Factor::new(&matrix)?;
+        let factor = Factor::new(&matrix)?;
         let mut mean = factor.solve_vector(&rhs);
-        let mut covariance = factor.inverse();
-        let mut held = 0;
-        if non_negative && let Some(force) = hold_non_negative(&matrix, &rhs, &mut mean)? {
-            held = mean.iter().filter(|v| **v == 0.0).count();
+        let covariance = factor.inverse();
+        if non_negative && let Some(force) = constrain(&covariance, &mut mean)? {
+            let held = mean.iter().filter(|v| **v == 0.0).count();
             for (i, (&x, &z)) in mean.iter().zip(&force).enumerate() {
                 matrix[(i, i)] += barrier_curvature(x, z, 1.0 / covariance[(i, i)]);
             }
-            factor = Factor::new(&matrix)?;
-            covariance = factor.inverse();
+            let tighter = Factor::new(&matrix)?;
+            drop(matrix);
+            let narrower = tighter.inverse();
+            return Ok(Self {
+                mean,
+                factor: tighter,
+                covariance: narrower,
+                held,
+            });
         }
         Ok(Self {
             mean,
             factor,
             covariance,
-            held,
+            held: 0,
         })
     }
+}
+
+/// Brings the Gaussian estimate `x` with the given covariance to x ≥ 0, and returns the force with which each is pressed
+/// against 0; `None` if none is.
+///
+/// Only coefficients within [`CONTESTED`] σ of 0 can be; the others follow them by their covariance, so the
+/// problem shrinks to the contested ones.
+fn constrain(covariance: &Mat<f64>, x: &mut [f64]) -> Result<Option<Vec<f64>>> {
+    let contested: Vec<usize> = (0..x.len())
+        .filter(|&i| x[i] < CONTESTED * covariance[(i, i)].sqrt())
+        .collect();
+    if !x.iter().any(|v| *v < 0.0) {
+        return Ok(None);
+    }
+    let c = contested.len();
+    let part = Factor::new(&Mat::from_fn(c, c, |i, j| {
+        covariance[(contested[i], contested[j])]
+    }))?;
+    let precision = part.inverse();
+    let mut y: Vec<f64> = contested.iter().map(|&i| x[i]).collect();
+    let right = &precision * Mat::from_fn(c, 1, |i, _| y[i]);
+    let right: Vec<f64> = (0..c).map(|i| right[(i, 0)]).collect();
+    let force = hold_non_negative(&precision, &right, &mut y)?;
+    let change: Vec<f64> = contested.iter().zip(&y).map(|(&i, y)| y - x[i]).collect();
+    let change = part.solve_vector(&change);
+    for (i, v) in x.iter_mut().enumerate() {
+        let follow: f64 = contested
+            .iter()
+            .zip(&change)
+            .map(|(&k, d)| covariance[(k, i)] * d)
+            .sum();
+        *v = (*v + follow).max(0.0);
+    }
+    for (&i, y) in contested.iter().zip(y) {
+        x[i] = y;
+    }
+    Ok(force.map(|f| {
+        let mut all = vec![0.0; x.len()];
+        for (&i, f) in contested.iter().zip(f) {
+            all[i] = f;
+        }
+        all
+    }))
 }
 
 /// Minimises ½ xᵀA x − hᵀx over x ≥ 0, given its unconstrained minimum in `x`. Returns the multipliers z ≥ 0 (the

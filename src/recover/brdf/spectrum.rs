@@ -22,14 +22,13 @@ pub fn functionals(basis: Basis, order: usize) -> Mat<f64> {
     let transform = basis.spectrum(order);
     let list = indices(order);
     let mut out = Mat::zeros(basis.pairs(), 2 * list.len());
-    let len = basis.len();
     for (k, &(p, q)) in list.iter().enumerate() {
         let at = &transform[p as usize];
         let bt = &transform[q.unsigned_abs() as usize];
-        for m in 0..len {
-            for n in 0..len {
-                let b = if q < 0 { bt[n].conj() } else { bt[n] };
-                let w: Complex64 = at[m] * b / (TAU * TAU);
+        for (m, a) in at.iter().enumerate() {
+            for (n, b) in bt.iter().enumerate() {
+                let b = if q < 0 { b.conj() } else { *b };
+                let w: Complex64 = a * b / (TAU * TAU);
                 let i = basis.pair(m, n);
                 out[(i, 2 * k)] += w.re;
                 out[(i, 2 * k + 1)] += w.im;

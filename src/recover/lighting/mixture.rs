@@ -22,6 +22,8 @@ use crate::recover::normal::NormalSystem;
 const MOST_SOURCES: usize = 12;
 /// Gain in log evidence at which a further source is believed (odds of 400 to 1).
 const BELIEF: f64 = 6.0;
+/// Weighted rms, relative to the largest sample, up to which a misfit may be the model's.
+const MODEL_ERROR: f64 = 3e-4;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
 /// Gauss–Newton steps under one prior, at the most.
@@ -65,16 +67,8 @@ impl<'a> Channel<'a> {
         };
         let system = &channel.system;
         let problem = channel.problem();
-        let (x, _) = problem.solve(&SpectralPrior::flat(mean_light))?;
-        let mut residual = system.square;
-        for (i, xi) in x.iter().enumerate() {
-            let ax: f64 = x
-                .iter()
-                .enumerate()
-                .map(|(j, xj)| system.matrix[(i, j)] * xj)
-                .sum();
-            residual += xi * (ax - 2.0 * system.vector[i]);
-        }
+        let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
+        let residual = problem.residual(system.square, &x);
         let freedom = system.count.saturating_sub(x.len()).max(1);
         channel.noise_scale = (residual / freedom as f64).max(1.0);
         Ok(channel)
@@ -113,6 +107,8 @@ pub struct Fit {
     pub choice: RegularisationChoice,
     responses: Vec<Vec<Vec<f64>>>,
     log_evidence: f64,
+    /// Weighted sum of squared residuals.
+    square: f64,
 }
 
 impl Fit {
@@ -162,7 +158,10 @@ impl Mixture {
         for count in 1..=candidates.len().min(MOST_SOURCES) {
             let trial = Self::refined(samples, channels, &candidates[..count], regularisation)?;
             let believed = BELIEF * (count - best.directions.len()) as f64;
-            if trial.log_evidence > best.log_evidence + believed && trial.is_lit() {
+            if trial.log_evidence > best.log_evidence + believed
+                && trial.is_lit()
+                && trial.separates(&best, channels)
+            {
                 best = trial;
                 worse = 0;
             } else {
@@ -328,52 +327,72 @@ impl Mixture {
             .zip(&fit.posterior.mean)
             .map(|(a, b)| a * b)
             .sum();
-        let mut explained = 0.0;
-        for (i, a) in cross.iter().enumerate() {
-            for (j, b) in cross.iter().enumerate() {
-                explained += a * fit.posterior.covariance[(i, j)] * b;
-            }
-        }
+        let explained = fit.posterior.variance_of(&cross);
         let gradient = irradiance * (data - fitted) / kappa;
         let curvature = irradiance.powi(2) * (own / kappa - explained / kappa.powi(2));
         (gradient, curvature.max(0.0))
     }
 
+    /// Mean and standard deviation of source `s`'s irradiance in each channel.
+    fn irradiances(&self, s: usize) -> Vec<(f64, f64)> {
+        self.fits
+            .iter()
+            .zip(&self.coefficients)
+            .map(|(fit, n)| {
+                let mut unit = vec![0.0; fit.posterior.mean.len()];
+                unit[n + s] = 1.0;
+                (
+                    fit.posterior.mean[n + s],
+                    fit.posterior.variance_of(&unit).max(0.0).sqrt(),
+                )
+            })
+            .collect()
+    }
+
     /// Whether every source sends light in some channel and takes it from none beyond its error.
     fn is_lit(&self) -> bool {
         (0..self.directions.len()).all(|s| {
-            let signals: Vec<f64> = self
-                .fits
-                .iter()
-                .zip(&self.coefficients)
-                .map(|(fit, n)| {
-                    fit.posterior.mean[n + s] / fit.posterior.covariance[(n + s, n + s)].sqrt()
-                })
-                .collect();
-            signals.iter().any(|&z| z > 3.0) && signals.iter().all(|&z| z > -3.0)
+            let all = self.irradiances(s);
+            all.iter().any(|(e, sigma)| *e > 3.0 * sigma)
+                && all.iter().all(|(e, sigma)| *e > -3.0 * sigma)
         })
+    }
+
+    /// Whether the last source is either far from the others, or explains so much that it cannot be an
+    /// error of the model: two sources within a lobe differ from one by a slight widening, which errors of
+    /// geometry and of the BRDF imitate.
+    fn separates(&self, without: &Self, channels: &[Channel<'_>]) -> bool {
+        let lobe = channels
+            .iter()
+            .map(|c| c.brdf.lobe_width())
+            .fold(f64::INFINITY, f64::min);
+        let Some((last, others)) = self.directions.split_last() else {
+            return true;
+        };
+        let near = others
+            .iter()
+            .any(|other| wrap(last - other).abs() < 0.5 * lobe);
+        !near
+            || channels
+                .iter()
+                .zip(&self.fits)
+                .zip(&without.fits)
+                .any(|((channel, fit), before)| {
+                    let gain = before.square - fit.square;
+                    gain > (MODEL_ERROR * channel.system.largest).powi(2) * channel.system.weight
+                })
     }
 
     /// The sources as they are reported.
     pub fn source_estimates(&self) -> Vec<SourceEstimate> {
         (0..self.directions.len())
             .map(|s| {
-                let at = |c: usize| self.coefficients[c] + s;
+                let all = self.irradiances(s);
                 SourceEstimate {
                     theta_deg: self.directions[s].to_degrees(),
                     theta_sigma_deg: self.direction_sigmas[s].to_degrees(),
-                    irradiance: self
-                        .fits
-                        .iter()
-                        .enumerate()
-                        .map(|(c, f)| f.posterior.mean[at(c)].max(0.0))
-                        .collect(),
-                    irradiance_sigma: self
-                        .fits
-                        .iter()
-                        .enumerate()
-                        .map(|(c, f)| f.posterior.covariance[(at(c), at(c))].max(0.0).sqrt())
-                        .collect(),
+                    irradiance: all.iter().map(|(e, _)| e.max(0.0)).collect(),
+                    irradiance_sigma: all.iter().map(|(_, sigma)| *sigma).collect(),
                 }
             })
             .collect()
@@ -439,6 +458,7 @@ fn fit_channel(
             let choice = named("held", (mean_light / prior.deviation).powi(2));
             return Ok(Fit {
                 log_evidence: posterior.log_evidence,
+                square: problem.residual(system.square, &posterior.mean),
                 posterior,
                 prior,
                 choice,
@@ -460,8 +480,9 @@ fn fit_channel(
         Regularisation::None => (SpectralPrior::flat(1e3 * mean_light), named("none", 0.0)),
         Regularisation::Truncate => {
             let weak = problem.posterior(&SpectralPrior::flat(mean_light))?;
+            let covariance = weak.covariance();
             let last = (1..n)
-                .filter(|&i| weak.covariance[(i, i)].sqrt() <= WEAK * mean_light)
+                .filter(|&i| covariance[(i, i)].sqrt() <= WEAK * mean_light)
                 .max()
                 .map_or(1, |i| i.div_ceil(2));
             let prior = SpectralPrior {
@@ -481,6 +502,7 @@ fn fit_channel(
     let log_irradiance_prior = directions.len() as f64 * (0.5 * TAU.ln() - (TAU * mean_light).ln());
     Ok(Fit {
         log_evidence: posterior.log_evidence + log_irradiance_prior,
+        square: problem.residual(system.square, &posterior.mean),
         posterior,
         prior,
         choice,

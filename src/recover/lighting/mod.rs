@@ -42,13 +42,17 @@ pub use sources::unit_response;
 pub const DETERMINED: f64 = 0.05;
 /// σ(L_p)/L_0 up to which a coefficient is weakly determined.
 pub const WEAK: f64 = 0.5;
+/// Smallest response |H_p| that is trusted, relative to |H_0|: no BRDF is known better, and below it the
+/// model's errors pass for light.
+const RESPONSE_FLOOR: f64 = 2e-4;
 /// Values of L(θ) in the products: every 0.5° from −180°.
 pub const TABLE: usize = 720;
-/// Largest frequency of the model unless the recipe names one, for broad lobes and for lobes
-/// narrower than [`NARROW_LOBE`].
-const ORDER: (usize, usize) = (90, 180);
-/// Lobe width (radians) under which the finer model is taken.
-const NARROW_LOBE: f64 = 0.05;
+/// Largest frequency of the model unless the recipe names one. A lobe of width w (2σ if it were a
+/// Gaussian) has passed 1e-6 of the light's amplitude at p ≈ 10/w; slower tails come from edges of
+/// the half circle, and errors of the surface's model drown them.
+fn model_order(brdf: &dyn Brdf) -> usize {
+    (14.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
+}
 
 /// What the user can choose.
 #[derive(Clone, Debug, PartialEq)]
@@ -138,11 +142,7 @@ fn prepare<'a>(
         return Err(Error::input(format!("channel {name} has no usable sample"))
             .advice("Every pixel is clipped, masked or beyond the limb cut."));
     }
-    let order = options.band.unwrap_or(if brdf.lobe_width() < NARROW_LOBE {
-        ORDER.1
-    } else {
-        ORDER.0
-    });
+    let order = options.band.unwrap_or_else(|| model_order(brdf));
     let mut transfer: Vec<Vec<Complex64>> = samples
         .columns
         .par_iter()
@@ -167,8 +167,8 @@ fn prepare<'a>(
     Channel::new(name.clone(), channel, brdf, system, mean_light)
 }
 
-/// L_0 as if the light were uniform, and the largest p that could show above the noise if L_p were as
-/// large as it can be, L_0.
+/// L_0 as if the light were uniform, and the largest p that could show above the noise and above
+/// [`RESPONSE_FLOOR`] if L_p were as large as it can be, L_0.
 fn first_look(samples: &Samples, channel: usize, transfer: &[Vec<Complex64>]) -> (f64, usize) {
     let order = transfer.first().map_or(0, |row| row.len() - 1);
     let (mut signal, mut information) = (0.0, vec![0.0; order + 1]);
@@ -186,9 +186,11 @@ fn first_look(samples: &Samples, channel: usize, transfer: &[Vec<Complex64>]) ->
     }
     let mean_light = signal / information[0];
     // 0.01: a tenth of a standard deviation.
+    let shows = |p: usize| information[p] * mean_light.powi(2) > 0.01;
+    let trusted = |p: usize| information[p] > RESPONSE_FLOOR.powi(2) * information[0];
     let informative = (0..=order)
         .rev()
-        .find(|&p| information[p] * mean_light.powi(2) > 0.01)
+        .find(|&p| shows(p) && trusted(p))
         .unwrap_or(0);
     (mean_light, informative)
 }
@@ -253,6 +255,8 @@ fn finish(
     options: &Options,
 ) -> Result<ChannelEstimate> {
     let fit = &mixture.fits[index];
+    let covariance = fit.posterior.covariance();
+    let weak = weak.covariance();
     let order = channel.system.order;
     let n = 2 * order + 1;
     let synthesis = synthesis_matrix(order, TABLE);
@@ -274,7 +278,7 @@ fn finish(
             }
         })
         .collect();
-    let spread = &synthesis * fit.posterior.covariance.submatrix(0, 0, n, n);
+    let spread = &synthesis * covariance.submatrix(0, 0, n, n);
     let mut table_variance: Vec<f64> = (0..TABLE)
         .map(|k| {
             (0..n)
@@ -285,7 +289,7 @@ fn finish(
         .collect();
     let step = TAU / TABLE as f64;
     for (s, (&theta, &e)) in mixture.directions.iter().zip(irradiance).enumerate() {
-        let variance = fit.posterior.covariance[(n + s, n + s)];
+        let variance = covariance[(n + s, n + s)];
         // The two nearest values share the source so that its irradiance and its direction are kept.
         let at = (theta + PI).rem_euclid(TAU) / step;
         let (k, t) = (at.floor() as usize, at.fract());
@@ -296,7 +300,7 @@ fn finish(
     }
 
     let spectrum: Vec<Coefficient> = (0..=order)
-        .map(|p| coefficient(channel, weak, mixture, index, &smooth, irradiance, p))
+        .map(|p| coefficient(channel, &weak, mixture, &covariance, &smooth, irradiance, p))
         .collect();
     let determined_band = spectrum
         .iter()
@@ -337,21 +341,19 @@ fn finish(
 /// L_p of smooth part and sources together.
 fn coefficient(
     channel: &Channel<'_>,
-    weak: &Posterior,
+    weak: &Mat<f64>,
     mixture: &Mixture,
-    index: usize,
+    covariance: &Mat<f64>,
     smooth: &Series,
     irradiance: &[f64],
     p: usize,
 ) -> Coefficient {
-    let fit = &mixture.fits[index];
     let n = 2 * channel.system.order + 1;
     let parts = if p == 0 { 1 } else { 2 };
     let mut value = smooth.coefficients[p];
     for (&theta, &e) in mixture.directions.iter().zip(irradiance) {
         value += e / TAU * Complex64::cis(-(p as f64) * theta);
     }
-    let covariance = &fit.posterior.covariance;
     let mut variance = 0.0;
     for part in 0..parts {
         // The real or the imaginary part as a combination of the unknowns.
@@ -371,7 +373,7 @@ fn coefficient(
     }
     let prior_precision = SpectralPrior::flat(channel.mean_light).precision(position(p));
     let weak_variance = (0..parts)
-        .map(|k| weak.covariance[(position(p) + k, position(p) + k)])
+        .map(|k| weak[(position(p) + k, position(p) + k)])
         .sum::<f64>()
         / parts as f64;
     let information = 1.0 / weak_variance - prior_precision;
@@ -420,7 +422,7 @@ fn constrained(posterior: &Posterior, order: usize, sources: usize) -> Result<Ve
             f64::from(u8::from(k >= angles && i >= n && k - angles == i - n))
         }
     });
-    positivity::constrain(&posterior.mean, &posterior.covariance, &constraints)
+    positivity::constrain(&posterior.mean, &posterior.covariance(), &constraints)
 }
 
 /// B that the estimate predicts for every sample that is not missing, \[channel\]\[column\]\[n\]; 0 for

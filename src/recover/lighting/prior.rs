@@ -6,7 +6,7 @@
 //! of deviation τ = L_0 for all p is the weakest that makes sense, and what it leaves open nothing
 //! but the data can fix.
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::prelude::*;
 use faer::{Mat, Side};
 
@@ -52,10 +52,27 @@ impl SpectralPrior {
 pub struct Posterior {
     /// Mean of the unknowns.
     pub mean: Vec<f64>,
-    /// Their covariance.
-    pub covariance: Mat<f64>,
     /// Logarithm of the marginal likelihood, up to a constant that depends on the data and on κ only.
     pub log_evidence: f64,
+    factor: Llt<f64>,
+}
+
+impl Posterior {
+    /// Covariance of the unknowns.
+    pub fn covariance(&self) -> Mat<f64> {
+        self.factor.inverse()
+    }
+
+    /// cᵀ Q⁻¹ c, the variance of the combination c of the unknowns.
+    pub fn variance_of(&self, combination: &[f64]) -> f64 {
+        let c = Mat::from_fn(combination.len(), 1, |i, _| combination[i]);
+        let solved = self.factor.solve(&c);
+        combination
+            .iter()
+            .enumerate()
+            .map(|(i, c)| c * solved[(i, 0)])
+            .sum()
+    }
 }
 
 /// Which unknowns are Fourier coefficients: the first `coefficients`; the rest are free.
@@ -85,32 +102,24 @@ impl Problem<'_> {
         q
     }
 
+    /// bᵀWb − 2xᵀy + xᵀAx, the weighted sum of squared residuals; `square` is bᵀWb.
+    pub fn residual(&self, square: f64, x: &[f64]) -> f64 {
+        let x = ColRef::from_slice(x);
+        let y = ColRef::from_slice(self.vector);
+        square - 2.0 * (x.transpose() * y) + (x.transpose() * self.matrix) * x
+    }
+
     fn right_side(&self) -> Mat<f64> {
         Mat::from_fn(self.vector.len(), 1, |i, _| {
             self.vector[i] / self.noise_scale
         })
     }
 
-    /// Mean and log evidence only.
-    pub fn solve(&self, prior: &SpectralPrior) -> Result<(Vec<f64>, f64)> {
-        let (mean, log_evidence, _) = self.factorise(prior)?;
-        Ok((mean, log_evidence))
-    }
-
-    /// Mean, covariance and log evidence.
+    /// Mean, factor of the inverse covariance and log evidence.
+    ///
+    /// # Errors
+    /// If the matrix is not positive definite: values that are not finite, or weights of too wide a range.
     pub fn posterior(&self, prior: &SpectralPrior) -> Result<Posterior> {
-        let (mean, log_evidence, factor) = self.factorise(prior)?;
-        Ok(Posterior {
-            mean,
-            covariance: factor.inverse(),
-            log_evidence,
-        })
-    }
-
-    fn factorise(
-        &self,
-        prior: &SpectralPrior,
-    ) -> Result<(Vec<f64>, f64, faer::linalg::solvers::Llt<f64>)> {
         let factor = self.regularised(prior).llt(Side::Lower).map_err(|_| {
             Error::failed("the normal equations of the lighting cannot be factorised")
                 .advice("The samples hold values that are not finite, or their weights span too wide a range.")
@@ -124,7 +133,11 @@ impl Problem<'_> {
         let log_prior: f64 = (1..self.coefficients)
             .map(|i| prior.precision(i).ln())
             .sum();
-        Ok((mean, 0.5 * (fit - log_determinant + log_prior), factor))
+        Ok(Posterior {
+            mean,
+            log_evidence: 0.5 * (fit - log_determinant + log_prior),
+            factor,
+        })
     }
 }
 
@@ -147,7 +160,7 @@ pub fn choose_by_evidence(
             deviation: start.deviation * 10f64.powf(f64::from(step) / 4.0),
             ..start
         };
-        let cost = -problem.solve(&prior)?.1;
+        let cost = -problem.posterior(&prior)?.log_evidence;
         curve.push(((mean_light / prior.deviation).powi(2), cost));
         if cost < best.0 {
             best = (cost, prior);
@@ -169,20 +182,20 @@ pub fn search_by_evidence(
 ) -> Result<(SpectralPrior, RegularisationChoice)> {
     let mut best = (f64::INFINITY, SpectralPrior::flat(mean_light));
     let look = |prior: SpectralPrior, best: &mut (f64, SpectralPrior)| -> Result<(f64, f64)> {
-        let cost = -problem.solve(&prior)?.1;
+        let cost = -problem.posterior(&prior)?.log_evidence;
         if cost < best.0 {
             *best = (cost, prior);
         }
         Ok(((mean_light / prior.deviation).powi(2), cost))
     };
-    for step in 0..=12 {
+    for step in 0..=6 {
         look(
-            SpectralPrior::flat(mean_light * 10f64.powf(-f64::from(step) / 2.0)),
+            SpectralPrior::flat(mean_light * 10f64.powi(-step)),
             &mut best,
         )?;
     }
     let flat = best.1;
-    for corner in [2.0, 4.0, 8.0, 13.0, 20.0, 32.0] {
+    for corner in [2.0, 4.0, 8.0, 13.0, 20.0] {
         for louder in [1.0, 10f64.sqrt()] {
             let deviation = (flat.deviation * louder).min(mean_light);
             look(
@@ -197,8 +210,8 @@ pub fn search_by_evidence(
     }
     let shape = best.1;
     let mut curve = Vec::new();
-    for step in -4..=4 {
-        let deviation = shape.deviation * 10f64.powf(f64::from(step) / 4.0);
+    for step in -3..=3 {
+        let deviation = shape.deviation * 10f64.powf(f64::from(step) / 3.0);
         curve.push(look(SpectralPrior { deviation, ..shape }, &mut best)?);
     }
     let strength = (mean_light / best.1.deviation).powi(2);
@@ -215,10 +228,11 @@ pub fn search_by_evidence(
 /// The prior that makes the coefficients' unregularised estimates likeliest, taken as independent.
 fn independent_choice(coefficients: usize, weak: &Posterior, mean_light: f64) -> SpectralPrior {
     let prior_precision = mean_light.powi(-2);
+    let covariance = weak.covariance();
     // (frequency, unregularised estimate², its variance) of what the data say anything about.
     let known: Vec<(usize, f64, f64)> = (1..coefficients)
         .filter_map(|i| {
-            let precision = 1.0 / weak.covariance[(i, i)];
+            let precision = 1.0 / covariance[(i, i)];
             let from_data = precision - prior_precision;
             (from_data > 0.1 * prior_precision).then(|| {
                 let estimate = weak.mean[i] * precision / from_data;
@@ -299,17 +313,10 @@ pub fn choose_by_gcv(
     for step in 0..=16 {
         let prior = SpectralPrior::flat(mean_light * 10f64.powf(-f64::from(step) / 4.0));
         let posterior = problem.posterior(&prior)?;
-        let x = ColRef::from_slice(&posterior.mean);
-        let quadratic = (x.transpose() * problem.matrix) * x;
-        let fit: f64 = posterior
-            .mean
-            .iter()
-            .zip(problem.vector)
-            .map(|(a, b)| a * b)
-            .sum();
-        let residual = square - 2.0 * fit + quadratic;
+        let residual = problem.residual(square, &posterior.mean);
+        let covariance = posterior.covariance();
         let trace: f64 = (0..problem.coefficients)
-            .map(|i| 1.0 - prior.precision(i) * posterior.covariance[(i, i)])
+            .map(|i| 1.0 - prior.precision(i) * covariance[(i, i)])
             .sum();
         let cost = (n * residual / (n - trace).max(1.0).powi(2)).ln();
         curve.push(((mean_light / prior.deviation).powi(2), cost));

@@ -1,10 +1,11 @@
 //! The recovered lighting as a curve with its 95 % band.
 
 use super::{FULL, Figure, Panel, irradiance_unit, lighting_unit};
+use crate::angle::wrap;
 use crate::pipeline::Run;
-use crate::recover::lighting::LightingEstimate;
+use crate::recover::lighting::{ChannelEstimate, LightingEstimate};
 use crate::report::number::with_sigma;
-use crate::report::plot::{Axis, Legend, Mark, Plot, Scale, Size, series_class};
+use crate::report::plot::{Axis, Legend, Mark, Plot, Scale, Size, quantile, series_class};
 use crate::report::table::{Cell, Table};
 
 /// Half the width of a 95 % interval in units of σ.
@@ -15,60 +16,76 @@ pub fn table_angle(i: usize, n: usize) -> f64 {
     -180.0 + 360.0 * i as f64 / n.max(1) as f64
 }
 
-/// The range to show, and whether sources stand out of it.
-pub struct Range {
-    /// Lowest and highest value shown.
-    pub low: f64,
-    /// Highest value shown.
-    pub high: f64,
-    /// Whether peaks at the sources are cut.
-    pub cut: bool,
+/// One direction of the light beside the sources.
+#[derive(Clone, Copy, Debug)]
+pub struct Beside {
+    /// Direction, degrees.
+    pub theta_deg: f64,
+    /// L of the smooth part, W m⁻² rad⁻¹.
+    pub value: f64,
+    /// Half its 95 % band; not a number where a source hides it.
+    pub half: f64,
 }
 
-/// Sources of a vanishing width would press the rest of the curve onto the axis: where they stand more
-/// than four times above all else, the range follows what is farther than 3° from every source.
-pub fn shown_range(lighting: &LightingEstimate) -> Range {
-    let (mut low, mut high, mut smooth) = (0.0f64, 0.0f64, 0.0f64);
-    for channel in &lighting.channels {
-        let n = channel.table.len();
-        for (i, (value, sigma)) in channel.table.iter().zip(&channel.table_sigma).enumerate() {
-            if !value.is_finite() {
-                continue;
-            }
-            high = high.max(*value);
-            let theta = table_angle(i, n);
-            let near = lighting.sources.iter().any(|s| {
-                crate::angle::wrap((theta - s.theta_deg).to_radians()).abs() < 3f64.to_radians()
+/// The recovered light without its sources. The table spreads a source over the two values next to it;
+/// there the smooth part is evaluated from its series.
+pub fn beside_sources(lighting: &LightingEstimate, channel: &ChannelEstimate) -> Vec<Beside> {
+    let n = channel.table.len();
+    let step = 360.0 / n.max(1) as f64;
+    channel
+        .table
+        .iter()
+        .zip(&channel.table_sigma)
+        .enumerate()
+        .map(|(i, (value, sigma))| {
+            let theta_deg = table_angle(i, n);
+            let hidden = lighting.sources.iter().any(|s| {
+                wrap((theta_deg - s.theta_deg).to_radians()).abs() < 1.001 * step.to_radians()
             });
-            if !near {
-                let half = if sigma.is_finite() {
-                    SIGMAS_95 * sigma
-                } else {
-                    0.0
-                };
-                // A band wider than the values themselves must not set the scale.
-                smooth = smooth.max(value + half.min(value.abs()));
-                low = low.min(value - half.min(value.abs()));
+            if hidden {
+                let smooth = channel.smooth.evaluate(theta_deg.to_radians());
+                Beside {
+                    theta_deg,
+                    value: smooth.max(0.0),
+                    half: f64::NAN,
+                }
+            } else {
+                Beside {
+                    theta_deg,
+                    value: *value,
+                    half: SIGMAS_95 * sigma,
+                }
             }
+        })
+        .collect()
+}
+
+/// Least and largest L to show. Bands belong to it as long as they do not dwarf both the light itself and
+/// the mean of all light; without any smooth light, a fiftieth of that mean is shown.
+pub fn shown_range(lighting: &LightingEstimate) -> [f64; 2] {
+    let (mut low, mut high, mut mean) = (0.0f64, 0.0f64, 0.0f64);
+    let mut upper = Vec::new();
+    for channel in &lighting.channels {
+        let n = channel.table.len().max(1) as f64;
+        mean = mean.max(channel.table.iter().sum::<f64>() / n);
+        for at in beside_sources(lighting, channel) {
+            if at.value.is_finite() {
+                low = low.min(at.value);
+                high = high.max(at.value);
+            }
+            upper.push(at.value + at.half);
         }
     }
-    let cut = !lighting.sources.is_empty() && high > 4.0 * smooth && smooth > 0.0;
-    let high = if cut {
-        smooth * 1.5
-    } else {
-        high.max(smooth) * 1.06
-    };
-    Range {
-        low: low * 1.05,
-        high: if high > 0.0 { high } else { 1.0 },
-        cut,
-    }
+    let most = 3.0 * high.max(mean);
+    let with_band = quantile(upper, 0.97).min(most);
+    let high = high.max(with_band).max(0.02 * mean) * 1.06;
+    [low * 1.05, if high > 0.0 { high } else { 1.0 }]
 }
 
 /// L(θ) with its band, all channels, sources marked.
 pub fn lighting_curve(run: &Run) -> Option<Figure> {
     let lighting = run.lighting.as_ref()?;
-    let range = shown_range(lighting);
+    let [low, high] = shown_range(lighting);
     let mut legend: Vec<Legend> = lighting
         .channels
         .iter()
@@ -99,37 +116,30 @@ pub fn lighting_curve(run: &Run) -> Option<Figure> {
             Axis::degrees("direction θ / degrees", -180.0, 180.0, step),
             Axis::new(
                 format!("L / {}", lighting_unit(run)),
-                Scale::linear(range.low, range.high),
+                Scale::linear(low, high),
                 6,
             ),
         )
         .with_legend(legend.clone());
         let thin = if size.is_wide() { 1 } else { 2 };
         for (c, channel) in lighting.channels.iter().enumerate() {
-            let n = channel.table.len();
             let class = series_class(&channel.name, c);
-            let values = || channel.table.iter().zip(&channel.table_sigma).enumerate();
-            let band: Vec<_> = values()
-                .step_by(thin)
-                .map(|(i, (v, s))| {
-                    let half = SIGMAS_95 * s;
-                    (table_angle(i, n), v - half, v + half)
-                })
+            let points = beside_sources(lighting, channel);
+            let points = || points.iter().step_by(thin);
+            let band: Vec<_> = points()
+                .map(|p| (p.theta_deg, p.value - p.half, p.value + p.half))
                 .collect();
             plot.band(&band, class);
-            let line: Vec<_> = values()
-                .step_by(thin)
-                .map(|(i, (v, _))| (table_angle(i, n), *v))
-                .collect();
+            let line: Vec<_> = points().map(|p| (p.theta_deg, p.value)).collect();
             plot.line(&line, class);
         }
-        for source in &lighting.sources {
+        for (row, source) in lighting.sources.iter().enumerate() {
             let words = if size.is_wide() || lighting.sources.len() == 1 {
                 format!("{}°", with_sigma(source.theta_deg, source.theta_sigma_deg))
             } else {
                 String::new()
             };
-            plot.vertical(source.theta_deg, "source", &words);
+            plot.vertical(source.theta_deg, "source", &words, row % 8);
         }
         let names: Vec<&str> = lighting.channels.iter().map(|c| c.name.as_str()).collect();
         plot.finish(
@@ -164,13 +174,10 @@ pub fn lighting_curve(run: &Run) -> Option<Figure> {
             })
             .collect();
         caption += &format!(
-            " Vertical lines: sources, with irradiance in {} per channel: {}.",
+            " Vertical lines: sources, which the curve leaves out, with irradiance in {} per channel: {}.",
             irradiance_unit(run),
             named.join("; ")
         );
-    }
-    if range.cut {
-        caption += " The curve is cut at the top where the sources stand out of it.";
     }
     Some(Figure {
         id: "lighting",
@@ -207,6 +214,6 @@ fn table(lighting: &LightingEstimate) -> Table {
     Table {
         columns,
         rows,
-        note: "The file lighting.csv has the same columns at full precision.".to_owned(),
+        note: "A source's irradiance is in the two values next to it, as in lighting.csv, which has all at full precision.".to_owned(),
     }
 }

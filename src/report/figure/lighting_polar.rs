@@ -1,6 +1,6 @@
 //! The recovered lighting as a polar plot.
 
-use super::lighting_curve::{SIGMAS_95, shown_range, table_angle};
+use super::lighting_curve::{beside_sources, shown_range};
 use super::{Figure, Panel, lighting_unit};
 use crate::pipeline::Run;
 use crate::report::number::trimmed;
@@ -10,8 +10,8 @@ use crate::report::table::{Cell, Table};
 /// L(θ) around the object, as seen along the axis from above.
 pub fn lighting_polar(run: &Run) -> Option<Figure> {
     let lighting = run.lighting.as_ref()?;
-    let range = shown_range(lighting);
-    let scale = Scale::linear(0.0, range.high);
+    let [_, high] = shown_range(lighting);
+    let scale = Scale::linear(0.0, high);
     let mut polar = Polar::new(Size::Half, scale, &format!("L / {}", lighting_unit(run)));
     for source in &lighting.sources {
         polar.ray(
@@ -22,32 +22,32 @@ pub fn lighting_polar(run: &Run) -> Option<Figure> {
     }
     for (c, channel) in lighting.channels.iter().enumerate() {
         let class = series_class(&channel.name, c);
-        let n = channel.table.len();
-        let angle = |i: usize| table_angle(i, n).to_radians();
-        let values = || channel.table.iter().zip(&channel.table_sigma).enumerate();
-        let band: Vec<_> = values()
-            .map(|(i, (v, s))| (angle(i), v - SIGMAS_95 * s, v + SIGMAS_95 * s))
+        let points = beside_sources(lighting, channel);
+        let band: Vec<_> = points
+            .iter()
+            .filter(|p| p.half.is_finite())
+            .map(|p| (p.theta_deg.to_radians(), p.value - p.half, p.value + p.half))
             .collect();
         polar.band(&band, class);
-        let line: Vec<_> = values().map(|(i, (v, _))| (angle(i), *v)).collect();
+        let line: Vec<_> = points
+            .iter()
+            .map(|p| (p.theta_deg.to_radians(), p.value))
+            .collect();
         polar.curve(&line, class);
     }
     let rows = lighting
         .channels
         .iter()
         .map(|channel| {
-            let n = channel.table.len();
-            let (at, value) = channel
-                .table
-                .iter()
-                .enumerate()
-                .max_by(|a, b| a.1.total_cmp(b.1))
-                .map_or((0, f64::NAN), |(i, v)| (i, *v));
+            let points = beside_sources(lighting, channel);
+            let brightest = points.iter().max_by(|a, b| a.value.total_cmp(&b.value));
             vec![
                 Cell::Text(channel.name.clone()),
-                Cell::Fixed(table_angle(at, n), 1),
-                Cell::Number(value),
-                Cell::Number(channel.table.iter().sum::<f64>() / n.max(1) as f64),
+                Cell::Fixed(brightest.map_or(f64::NAN, |p| p.theta_deg), 1),
+                Cell::Number(brightest.map_or(f64::NAN, |p| p.value)),
+                Cell::Number(
+                    points.iter().map(|p| p.value).sum::<f64>() / points.len().max(1) as f64,
+                ),
             ]
         })
         .collect();
@@ -56,11 +56,7 @@ pub fn lighting_polar(run: &Run) -> Option<Figure> {
         title: "Lighting around the object",
         caption: format!(
             "The same lighting, drawn in the direction it comes from (0° to the right, counter-clockwise); colours as above.{}",
-            if range.cut {
-                " Cut at the rim at the sources."
-            } else {
-                ""
-            }
+            if lighting.sources.is_empty() { "" } else { " Straight lines: sources." }
         ),
         panels: vec![Panel {
             name: String::new(),
@@ -71,7 +67,7 @@ pub fn lighting_polar(run: &Run) -> Option<Figure> {
                 .map(str::to_owned)
                 .to_vec(),
             rows,
-            note: "All values are in the table of the recovered lighting.".to_owned(),
+            note: "The light beside the sources; all values are in the table of the recovered lighting.".to_owned(),
         },
         wide: false,
     })

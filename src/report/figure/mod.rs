@@ -5,7 +5,7 @@
 
 mod coverage;
 mod light_field;
-mod lighting_curve;
+pub mod lighting_curve;
 mod lighting_polar;
 mod lighting_spectrum;
 mod photos;
@@ -144,7 +144,7 @@ struct CellImage {
 
 /// Lays out `value(cell index)` over the plane. Where views are far apart most cells are empty, and an
 /// image of them would be thin lines: neighbours in α are then merged (mean over those seen), by the
-/// smallest factor after which nine tenths of what can be seen is filled. There are at most 180 rows, and
+/// smallest factor that fills nearly all of what lies within the limb cut. There are at most 180 rows, and
 /// columns as `detail` says: more than a page shows would only cost bytes.
 fn cell_image(
     field: &LightField,
@@ -172,8 +172,10 @@ fn cell_image(
     let visible: Vec<usize> = (0..grid.locals)
         .filter(|&j| grid.local(j).rad().abs() <= limb_cut)
         .collect();
-    let filled = |factor: usize| {
-        let mut may_be_empty = visible.len() * grid.normals.div_ceil(factor) / 10;
+    // Whether merging by `factor` fills at least the share `least_share` of the image.
+    let filled = |factor: usize, least_share: f64| {
+        let all = visible.len() * grid.normals.div_ceil(factor);
+        let mut may_be_empty = ((1.0 - least_share) * all as f64) as usize;
         for start in (0..grid.normals).step_by(factor) {
             let end = (start + factor).min(grid.normals);
             for &j in &visible {
@@ -187,11 +189,15 @@ fn cell_image(
         }
         true
     };
-    let factors = (least..=most).filter(|f| grid.normals.is_multiple_of(*f));
-    let merged = factors
-        .clone()
-        .find(|&f| filled(f))
-        .unwrap_or_else(|| factors.clone().next().unwrap_or(1));
+    let factors: Vec<usize> = (least..=most)
+        .filter(|f| grid.normals.is_multiple_of(*f))
+        .collect();
+    // Few holes if the views are even, some if a part of the circle was left out, else none closed.
+    let merged = [0.99, 0.9, 0.6]
+        .into_iter()
+        .find_map(|share| factors.iter().copied().find(|&f| filled(f, share)))
+        .or(factors.first().copied())
+        .unwrap_or(1);
     let columns = grid.normals.div_ceil(merged);
     let rows = grid.locals.div_ceil(local_step);
     let mut values = Vec::with_capacity(columns * rows);

@@ -64,20 +64,22 @@ fn draw(choice: &RegularisationChoice, name: &str, class: &str) -> String {
     } else {
         Scale::around(strengths())
     };
-    let (smallest, largest) = bounds(values());
-    let y = if smallest > 0.0 && largest > 30.0 * smallest {
-        Scale::log(smallest * 0.8, largest * 1.2)
-    } else {
-        Scale::around(values())
-    };
+    // Only differences of a criterion mean something; its own size would drown them in digits.
+    let (smallest, _) = bounds(values());
+    let curve: Vec<(f64, f64)> = choice
+        .curve
+        .iter()
+        .map(|(strength, value)| (*strength, value - smallest))
+        .collect();
+    let y = Scale::around(curve.iter().map(|(_, v)| *v));
     let mut plot = Plot::new(
         Size::Half,
         250.0,
         Axis::new("strength", x, 5),
-        Axis::new(format!("criterion ({})", choice.criterion), y, 5),
+        Axis::new(format!("criterion − minimum ({})", choice.criterion), y, 5),
     );
-    plot.line(&choice.curve, class);
-    plot.vertical(choice.strength, "chosen", "chosen");
+    plot.line(&curve, class);
+    plot.vertical(choice.strength, "chosen", "chosen", 0);
     plot.finish(
         &format!(
             "Criterion {} against the strength of the regularisation for channel {name}; the chosen strength is {}.",

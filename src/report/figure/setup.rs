@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::lighting_curve::{shown_range, table_angle};
+use super::lighting_curve::{beside_sources, shown_range};
 use super::{Figure, Panel};
 use crate::pipeline::Run;
 use crate::report::number::{fixed, trimmed};
@@ -26,21 +26,20 @@ pub fn setup(run: &Run) -> Figure {
     let mut body = String::new();
     let [cx, cy] = CENTRE.map(coordinate);
     if let Some(lighting) = &run.lighting {
-        let range = shown_range(lighting);
-        let n = lighting
+        let [_, high] = shown_range(lighting);
+        let parts: Vec<_> = lighting
             .channels
             .iter()
-            .map(|c| c.table.len())
-            .min()
-            .unwrap_or(0);
-        let channels = lighting.channels.len().max(1) as f64;
+            .map(|c| beside_sources(lighting, c))
+            .collect();
         let reach = LIGHT[1] - LIGHT[0];
+        let n = parts.iter().map(Vec::len).min().unwrap_or(0);
         let outer = (0..n).map(|i| {
-            let mean = lighting.channels.iter().map(|c| c.table[i]).sum::<f64>() / channels;
-            let t = (mean / range.high).clamp(0.0, 1.0);
-            at(table_angle(i, n), LIGHT[0] + reach * t)
+            let mean = parts.iter().map(|p| p[i].value).sum::<f64>() / parts.len() as f64;
+            let t = (mean / high).clamp(0.0, 1.0);
+            at(parts[0][i].theta_deg, LIGHT[0] + reach * t)
         });
-        let inner = (0..n).map(|i| at(table_angle(i, n), LIGHT[0]));
+        let inner = (0..n).map(|i| at(parts[0][i].theta_deg, LIGHT[0]));
         let _ = write!(
             body,
             "<path class=\"light\" fill-rule=\"evenodd\" d=\"{}Z{}Z\"/>",

@@ -227,8 +227,9 @@ impl Plot {
         );
     }
 
-    /// A vertical line across the plot with words at its top.
-    pub fn vertical(&mut self, x: f64, class: &str, words: &str) {
+    /// A vertical line across the plot with words near its top, on the given row of text so that those
+    /// of neighbours can be kept apart.
+    pub fn vertical(&mut self, x: f64, class: &str, words: &str, row: usize) {
         let [_, _, width, height] = self.area();
         let (cx, _) = self.at(x, self.y.scale.high());
         let _ = write!(
@@ -242,8 +243,13 @@ impl Plot {
             } else {
                 ("start", 5.0)
             };
-            self.inside
-                .push_str(&text(cx + offset, 14.0, anchor, "note halo", words));
+            self.inside.push_str(&text(
+                cx + offset,
+                14.0 + 17.0 * row as f64,
+                anchor,
+                "note halo",
+                words,
+            ));
         }
     }
 

@@ -164,13 +164,15 @@ impl Scale {
         let raw = (self.high - self.low) / count.max(1) as f64;
         let step = round_step(raw);
         let largest = self.low.abs().max(self.high.abs());
-        if (1e-3..1e6).contains(&largest) {
+        if (1e-3..1e5).contains(&largest) {
             return self.ticks_every(step);
         }
         let mut ticks = self.ticks_every(step);
         for tick in &mut ticks {
             let value = self.low + tick.at * (self.high - self.low);
-            tick.label = tick_label((value / step).round() * step);
+            // As many digits as tell neighbours apart.
+            let digits = (largest / step).log10().ceil().clamp(2.0, 12.0) as usize + 1;
+            tick.label = trimmed((value / step).round() * step, digits).replace(" × ", "·");
         }
         ticks
     }

@@ -1,0 +1,375 @@
+//! B_p(θo′) at the nodes of the half circle, from irregular, missing, weighted samples in α.
+
+use std::f64::consts::{PI, SQRT_2};
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use super::half_circle::HalfCircle;
+use crate::angle::wrap;
+use crate::error::{Error, Result};
+use crate::fourier::CircleTransform;
+use crate::light_field::{Column, Samples};
+
+/// The spectrum of one channel's light field along α, at every node of the half circle.
+///
+/// *Real basis.* B(α) = Σ_p B_p e^{ipα} is stored as the m = 2P + 1 reals (B_0, √2 Re B_1, √2 Im B_1, …), which keeps
+/// Σ_{|p| ≤ P} |B_p|² a plain sum of squares and the noise of a complete regular circle white.
+#[derive(Clone, Debug)]
+pub(super) struct Spectrum {
+    /// P, the largest frequency.
+    pub order: usize,
+    /// B_p(θo′) in the real basis, m × N; the prior mean where nothing was seen.
+    pub values: Mat<f64>,
+    /// Covariance of each column of `values`.
+    pub covariance: Vec<Covariance>,
+    /// Whether samples were seen at the node (false: beyond the limb cut).
+    pub seen: Vec<bool>,
+}
+
+/// Covariance of the m values of one column.
+#[derive(Clone, Debug)]
+pub(super) enum Covariance {
+    /// The same variance for all, uncorrelated: a complete regular circle.
+    White(f64),
+    /// A full m × m matrix.
+    Full(Mat<f64>),
+}
+
+impl Covariance {
+    /// Mean variance of the m values.
+    pub fn mean(&self) -> f64 {
+        match self {
+            Self::White(v) => *v,
+            Self::Full(c) => {
+                (0..c.nrows()).map(|i| c[(i, i)]).sum::<f64>() / c.nrows().max(1) as f64
+            }
+        }
+    }
+
+    /// Adds `variance` to every value.
+    fn add(&mut self, variance: f64) {
+        match self {
+            Self::White(v) => *v += variance,
+            Self::Full(c) => {
+                for i in 0..c.nrows() {
+                    c[(i, i)] += variance;
+                }
+            }
+        }
+    }
+
+    /// Mean variance of the values of frequency `p`.
+    pub fn at(&self, p: usize) -> f64 {
+        match self {
+            Self::White(v) => *v,
+            Self::Full(c) if p == 0 => c[(0, 0)],
+            Self::Full(c) => 0.5 * (c[(2 * p - 1, 2 * p - 1)] + c[(2 * p, 2 * p)]),
+        }
+    }
+}
+
+/// The half circle whose cells are the columns' spacing.
+pub(super) fn half_circle(samples: &Samples) -> Result<HalfCircle> {
+    let width = samples.column_width();
+    if samples.columns.len() < 4 || !(width > 0.0) {
+        return Err(Error::input(format!(
+            "factorisation needs at least 4 columns in increasing θo′, found {}",
+            samples.columns.len()
+        ))
+        .advice("Use more columns: light_field.locals, or a wider limb cut."));
+    }
+    Ok(HalfCircle::new(
+        ((PI / width).round() as usize).clamp(4, 720),
+    ))
+}
+
+/// The largest frequency that the α samples of most columns resolve: half the number of distinct α in
+/// the full circle, as far as the usual distance between neighbours goes.
+pub(super) fn resolved_order(samples: &Samples, channel: usize) -> usize {
+    let mut orders: Vec<usize> = samples
+        .columns
+        .iter()
+        .filter_map(|column| {
+            let variance = column.variance.get(channel)?;
+            let mut alpha: Vec<f64> = column
+                .alpha
+                .iter()
+                .zip(variance)
+                .filter(|(_, v)| v.is_finite())
+                .map(|(a, _)| wrap(*a))
+                .collect();
+            if alpha.len() < 2 {
+                return None;
+            }
+            alpha.sort_by(f64::total_cmp);
+            let mut gaps: Vec<f64> = alpha.windows(2).map(|w| w[1] - w[0]).collect();
+            gaps.push(alpha[0] + 2.0 * PI - alpha[alpha.len() - 1]);
+            gaps.retain(|g| *g > 1e-9);
+            gaps.sort_by(f64::total_cmp);
+            // A view or two missing leaves the others' spacing; the gap itself shows in the covariance.
+            let gap = gaps.get(gaps.len() * 3 / 4).copied().unwrap_or(2.0 * PI);
+            // n even samples resolve |p| < n/2, strictly.
+            let by_gap = (PI / gap - 0.5 + 1e-6).floor().max(0.0) as usize;
+            Some(by_gap.min((gaps.len() - 1) / 2))
+        })
+        .collect();
+    orders.sort_unstable();
+    orders.get(orders.len() / 2).copied().unwrap_or(0)
+}
+
+impl Spectrum {
+    /// Weighted least squares in every column of `channel`, brought to the nodes of `half`.
+    ///
+    /// A column whose θo′ is a node's is taken as it is; otherwise a node takes the linear interpolation
+    /// of its neighbours. Nodes beyond the outermost columns are filled by
+    /// [`extrapolate`](Self::extrapolate).
+    pub fn fit(
+        samples: &Samples,
+        channel: usize,
+        half: &HalfCircle,
+        order: usize,
+    ) -> Result<Self> {
+        let size = 2 * order + 1;
+        let fits: Vec<Option<(f64, Vec<f64>, Covariance)>> = samples
+            .columns
+            .par_iter()
+            .map(|column| {
+                let (values, covariance) = fit_column(column, channel, order)?;
+                Some((column.local.rad(), values, covariance))
+            })
+            .collect();
+        let fits: Vec<_> = fits.into_iter().flatten().collect();
+        if fits.len() < 4 {
+            return Err(Error::input(format!(
+                "factorisation needs samples in at least 4 columns of θo′, found {}",
+                fits.len()
+            ))
+            .advice("Check the coverage: most of the light field was never seen."));
+        }
+        let mut values = Mat::zeros(size, half.len());
+        let mut covariance = vec![Covariance::White(f64::INFINITY); half.len()];
+        let mut seen = vec![false; half.len()];
+        for (k, &angle) in half.angles.iter().enumerate() {
+            let above = fits.partition_point(|f| f.0 < angle - 0.02 * half.step());
+            let Some(right) = fits.get(above) else {
+                continue;
+            };
+            if (right.0 - angle).abs() <= 0.02 * half.step() {
+                for (i, v) in right.1.iter().enumerate() {
+                    values[(i, k)] = *v;
+                }
+                covariance[k] = right.2.clone();
+                seen[k] = true;
+                continue;
+            }
+            let Some(left) = above.checked_sub(1).and_then(|i| fits.get(i)) else {
+                continue;
+            };
+            if right.0 - left.0 > 2.5 * half.step() {
+                continue;
+            }
+            let t = (angle - left.0) / (right.0 - left.0);
+            for i in 0..size {
+                values[(i, k)] = (1.0 - t) * left.1[i] + t * right.1[i];
+            }
+            covariance[k] = mixed(&left.2, &right.2, t, size);
+            seen[k] = true;
+        }
+        if seen.iter().filter(|s| **s).count() < 4 {
+            return Err(Error::input(
+                "factorisation found fewer than 4 usable columns of θo′ within ±90°",
+            ));
+        }
+        let mut spectrum = Self {
+            order,
+            values,
+            covariance,
+            seen,
+        };
+        spectrum.extrapolate(half);
+        Ok(spectrum)
+    }
+
+    /// Fills the nodes that were not seen with the line through the nearest seen nodes of B_p(θo′) (taken a
+    /// few nodes apart, against noise), and a variance as large as the signal there: a guess to start
+    /// from, not a measurement.
+    fn extrapolate(&mut self, half: &HalfCircle) {
+        let seen: Vec<usize> = (0..half.len()).filter(|&k| self.seen[k]).collect();
+        let power = |k: usize| self.values.col(k).iter().map(|v| v * v).sum::<f64>();
+        let largest = seen.iter().map(|&k| power(k)).fold(0.0, f64::max);
+        let spread = largest.max(f64::MIN_POSITIVE);
+        for k in 0..half.len() {
+            if self.seen[k] {
+                continue;
+            }
+            let next = seen.partition_point(|&s| s < k);
+            // The two seen nodes that carry the line: across a gap, or outward from the edge.
+            let (a, b) = match (next.checked_sub(1).and_then(|i| seen.get(i)), seen.get(next)) {
+                (Some(&a), Some(&b)) => (a, b),
+                (None, Some(&b)) => (b, *seen.get(next + 3).unwrap_or(&b)),
+                (Some(&a), None) => (a, next.checked_sub(4).map_or(a, |i| seen[i])),
+                (None, None) => return,
+            };
+            let t = if a == b {
+                0.0
+            } else {
+                (half.angles[k] - half.angles[a]) / (half.angles[b] - half.angles[a])
+            };
+            for i in 0..self.values.nrows() {
+                self.values[(i, k)] = (1.0 - t) * self.values[(i, a)] + t * self.values[(i, b)];
+            }
+            self.covariance[k] = Covariance::White(spread);
+        }
+    }
+
+    /// Adds to every column's variance what frequencies beyond those resolved would put onto frequencies up to `order`.
+    ///
+    /// Sharp light on the kinks of ρ̂ at grazing angles gives B_p that fall off as 1/p² without end. With n = 2P + 1
+    /// views, n − p folds onto p; its power is taken from the last quarter of the resolved ones, by that law. (Where
+    /// the light is band-limited nothing but noise is there, and nothing is added.)
+    pub fn add_folded_variance(&mut self, order: usize) {
+        let (first, last) = ((3 * self.order) / 4 + 1, self.order);
+        if first > last {
+            return;
+        }
+        let views = (2 * self.order + 1) as f64;
+        let nearest = views - order as f64;
+        for k in 0..self.seen.len() {
+            if !self.seen[k] {
+                continue;
+            }
+            let (mut power, mut count) = (0.0, 0.0);
+            for p in first..=last {
+                let law = (p as f64 / nearest).powi(4);
+                for i in [2 * p - 1, 2 * p] {
+                    power += law * (self.values[(i, k)].powi(2) - self.covariance[k].at(p));
+                    count += 1.0;
+                }
+            }
+            let folded = (power / count).max(0.0);
+            // Excess below the scatter of the noise's own power is no excess.
+            let scatter = self.covariance[k].mean() * 3.0 * f64::sqrt(2.0 / count);
+            if folded > scatter {
+                self.covariance[k].add(folded);
+            }
+        }
+    }
+
+    /// B_p at node `k`, complex, for any sign of p.
+    pub fn get(&self, p: i64, k: usize) -> Complex64 {
+        let q = p.unsigned_abs() as usize;
+        if q == 0 {
+            return Complex64::new(self.values[(0, k)], 0.0);
+        }
+        let c = Complex64::new(self.values[(2 * q - 1, k)], self.values[(2 * q, k)]) / SQRT_2;
+        if p < 0 { c.conj() } else { c }
+    }
+
+    /// The same with frequencies up to `order` only.
+    pub fn truncated(&self, order: usize) -> Self {
+        let size = 2 * order + 1;
+        let covariance = self
+            .covariance
+            .iter()
+            .map(|c| match c {
+                Covariance::White(v) => Covariance::White(*v),
+                Covariance::Full(c) => {
+                    Covariance::Full(Mat::from_fn(size, size, |i, j| c[(i, j)]))
+                }
+            })
+            .collect();
+        Self {
+            order,
+            values: Mat::from_fn(size, self.values.ncols(), |i, k| self.values[(i, k)]),
+            covariance,
+            seen: self.seen.clone(),
+        }
+    }
+
+    /// Per p, the power of B_p over all seen nodes in units of what noise alone would give.
+    pub fn signal_to_noise(&self) -> Vec<f64> {
+        (0..=self.order)
+            .map(|p| {
+                let (mut sum, mut count) = (0.0, 0.0);
+                for k in (0..self.seen.len()).filter(|&k| self.seen[k]) {
+                    let variance = self.covariance[k].at(p);
+                    let rows = if p == 0 { 0..1 } else { 2 * p - 1..2 * p + 1 };
+                    for i in rows {
+                        sum += self.values[(i, k)].powi(2) / variance;
+                        count += 1.0;
+                    }
+                }
+                sum / f64::max(count, 1.0)
+            })
+            .collect()
+    }
+}
+
+fn mixed(left: &Covariance, right: &Covariance, t: f64, size: usize) -> Covariance {
+    let (a, b) = ((1.0 - t) * (1.0 - t), t * t);
+    match (left, right) {
+        (Covariance::White(l), Covariance::White(r)) => Covariance::White(a * l + b * r),
+        _ => {
+            let at = |c: &Covariance, i: usize, j: usize| match c {
+                Covariance::White(v) if i == j => *v,
+                Covariance::White(_) => 0.0,
+                Covariance::Full(m) => m[(i, j)],
+            };
+            Covariance::Full(Mat::from_fn(size, size, |i, j| {
+                a * at(left, i, j) + b * at(right, i, j)
+            }))
+        }
+    }
+}
+
+/// The m coefficients of one column by weighted least squares, or nothing if no sample is present.
+///
+/// A prior of ten times the column's rms per coefficient keeps unseen arcs finite: it changes what was seen by
+/// less than (noise / 10 · signal)², and what was not seen comes out with a variance that says so.
+fn fit_column(column: &Column, channel: usize, order: usize) -> Option<(Vec<f64>, Covariance)> {
+    let (value, variance) = (column.value.get(channel)?, column.variance.get(channel)?);
+    let present: Vec<usize> = (0..column.alpha.len())
+        .filter(|&i| variance[i].is_finite() && variance[i] > 0.0 && value[i].is_finite())
+        .collect();
+    if present.is_empty() {
+        return None;
+    }
+    let n = column.alpha.len();
+    let first = variance[0];
+    let even = present.len() == n && variance.iter().all(|v| (v - first).abs() <= 1e-9 * first);
+    if even && n > 2 * order && column.regular().is_some() {
+        let series = CircleTransform::new(n, -PI + PI / n as f64).analyse(value, order);
+        let mut values = vec![series.coefficients[0].re];
+        for c in series.coefficients.iter().skip(1) {
+            values.extend([SQRT_2 * c.re, SQRT_2 * c.im]);
+        }
+        return Some((values, Covariance::White(first / n as f64)));
+    }
+    let size = 2 * order + 1;
+    let design = Mat::from_fn(present.len(), size, |row, i| {
+        let phase = i.div_ceil(2) as f64 * column.alpha[present[row]];
+        let basis = match (i, i % 2) {
+            (0, _) => 1.0,
+            (_, 1) => SQRT_2 * phase.cos(),
+            _ => -SQRT_2 * phase.sin(),
+        };
+        basis / variance[present[row]].sqrt()
+    });
+    let target = Mat::from_fn(present.len(), 1, |row, _| {
+        value[present[row]] / variance[present[row]].sqrt()
+    });
+    let power = present.iter().map(|&i| value[i].powi(2)).sum::<f64>() / present.len() as f64;
+    let noise = present.iter().map(|&i| variance[i]).sum::<f64>() / present.len() as f64;
+    let mut normal = design.transpose() * &design;
+    for i in 0..size {
+        normal[(i, i)] += 1.0 / (100.0 * (power + noise));
+    }
+    let factor = normal.llt(Side::Lower).ok()?;
+    let solved = factor.solve(design.transpose() * &target);
+    let covariance = factor.solve(Mat::<f64>::identity(size, size));
+    let values = (0..size).map(|i| solved[(i, 0)]).collect();
+    Some((values, Covariance::Full(covariance)))
+}

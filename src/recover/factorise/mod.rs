@@ -1,0 +1,437 @@
+//! Lighting and BRDF at once, from the light field alone ([RH01] section 5.3, and beyond).
+//!
+//! # The problem
+//!
+//! Per channel, with θo′ on N nodes of the half circle and X = ρ̃ a symmetric N × N matrix, the spectrum of the light
+//! field along α is (eq. 11 and 5)
+//!
+//! ```text
+//! B_p(θo′_k) = L_p (E X)_pk / cos θo′_k + noise,      (E X)_pk = ∫ ρ̃(θi′, θo′_k) e^{ipθi′} dθi′.
+//! ```
+//!
+//! Unknown are all L_p and all of X. Only two things tie them together: the support (E is an integral over the half
+//! circle) and reciprocity (X is symmetric). One complex factor per component of the reciprocity graph is free; L_0 = 1
+//! fixes the first.
+//!
+//! # Pairs
+//!
+//! Divide every column by its noise: B′ = A′ Y with Y = D^½ X D^½ symmetric, D_k = (precision of column k) / cos² θ_k, and
+//! A′(L) = diag(L) E D^{−½} **the same matrix for all columns**. With A′ = Q S Uᵀ, B″ = Qᵀ B′ U and Z = Uᵀ Y U the model
+//! is B″ = S Z: every unknown z_ab = z_ba of the N(N+1)/2 is seen exactly twice, as B″_ab = s_a z_ab and B″_ba = s_b z_ab,
+//! with independent unit noise. So, given L, the problem falls into pairs, and each pair has
+//!
+//! * data **along** the model, y∥ = (s_a B″_ab + s_b B″_ba) / |s| = |s| z_ab + noise: they tell z, that is ρ;
+//! * data **across** it, y⊥ = (s_b B″_ab − s_a B″_ba) / |s| = 0 + noise: they tell L, and only L.
+//!
+//! Σ y⊥² is minus twice the log-likelihood maximised over every reciprocal ρ̃, exactly; no grid of ρ̃ is ever solved for,
+//! and nodes beyond the limb cut are unknowns like the others (they are given a variance as large as the signal).
+//!
+//! # The estimator
+//!
+//! L moves y⊥ by J_k = the across part of (∂A′/∂L_k) Z. The estimate solves Ĵᵀ y⊥ = 0, by Gauss–Newton steps
+//! (ĴᵀĴ)⁻¹ Ĵᵀ y⊥, with Ĵ from an estimate Ẑ of Z. *Any* Ẑ that is a function of y∥ gives an estimate without bias to first
+//! order, whatever prior it uses, because the noise of y⊥ is independent of that of y∥. That is the answer to
+//! the fault of joint minima, in which a prior on ρ pulls L (here it would do so through (1 − κ) y∥² terms, which
+//! favour large |s| and make L too sharp): the prior never meets the score of L. It only weighs the pairs. Where
+//! z_ab does not rise above its noise, Ẑ is shrunk to 0 and the pair has no say, as it has no information; a pair with full
+//! weight there would add noise. This is the efficient score of semiparametric statistics (B. G. Lindsay, Biometrika
+//! 69, 1982, for nuisance parameters with sufficient statistics).
+//!
+//! The covariance of L is (JᵀJ)⁻¹; taken at the truth it is the Cramér–Rao bound of the unregularised problem. The only
+//! prior on L is |L_p| ≤ L_0, which every non-negative light obeys, as a variance of L_0²/2 per real part; what the data leave
+//! at that is reported `indeterminate`.
+//!
+//! Frequencies that do not rise above the noise in any column are left out of the fit, which biases nothing; then
+//! they are regressed on the H_p of the fitted ρ̃: they come out dark where H_p is seen, else invisible.
+//!
+//! The start is the [eigenproblem](spectral) over all (p, q); eq. 29 is in [ratio].
+//!
+//! # Limits
+//!
+//! Pairs are exact if the noise of a column is the same for all its coefficients (a complete circle of views with even
+//! noise). Otherwise the mean variance of the column is used: the estimate stays unbiased, loses some efficiency, and its σ
+//! is that of the true noise carried through.
+
+mod absent;
+mod columns;
+mod gauge;
+mod half_circle;
+mod pairs;
+mod posterior;
+mod ratio;
+mod refine;
+mod scale;
+mod slice;
+mod spectral;
+#[cfg(test)]
+mod study;
+mod uncertainty;
+
+use num_complex::Complex64;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use columns::Spectrum;
+use half_circle::HalfCircle;
+use pairs::Whitened;
+use spectral::Coefficients;
+
+use crate::angle::LocalAngle;
+use crate::error::{Error, Result};
+use crate::fourier::Series;
+use crate::light_field::Samples;
+
+pub use scale::Scale;
+
+/// The largest order that is fitted unless a band is asked for.
+const LARGEST_ORDER: usize = 64;
+
+/// What the user may set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Options {
+    /// Largest frequency; `None`: as far as the views resolve and the signal goes.
+    pub band: Option<usize>,
+    /// What fixes the scale.
+    pub scale: Scale,
+    /// Whether the start is refined; without, the result is the eigenproblem's.
+    pub refine: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            band: None,
+            scale: Scale::Unit,
+            refine: true,
+        }
+    }
+}
+
+/// How well a coefficient is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// σ ≤ 5 % of L_0: the range |L_p| ≤ L_0 that any light has is narrowed more than twentyfold.
+    Determined,
+    /// σ between 5 % and 40 % of L_0.
+    Weak,
+    /// Hardly narrower than the range any light has.
+    Indeterminate,
+}
+
+/// Lighting and BRDF of all channels.
+#[derive(Clone, Debug)]
+pub struct Factorisation {
+    /// θ′ of the nodes of the half grid, \[N\].
+    pub nodes: Vec<LocalAngle>,
+    /// One result per channel.
+    pub channels: Vec<Channel>,
+    /// What a reader must know, in plain sentences.
+    pub warnings: Vec<String>,
+}
+
+/// Lighting and BRDF of one channel.
+#[derive(Clone, Debug)]
+pub struct Channel {
+    /// Its name.
+    pub name: String,
+    /// L_p, W m⁻² rad⁻¹, up to `band`; 0 where indeterminate.
+    pub lighting: Series,
+    /// σ of L_p (of the complex number: √(var Re + var Im)), \[band + 1\]; L_0 is held by the scale.
+    pub sigma: Vec<f64>,
+    /// How well L_p is known, \[band + 1\].
+    pub status: Vec<Status>,
+    /// Covariance of (Re L_p, Im L_p) over `frequencies` without the first, row-major.
+    pub covariance: Vec<f64>,
+    /// The frequencies that show in the light field, the first 0.
+    pub frequencies: Vec<usize>,
+    /// Largest frequency that shows in the light field.
+    pub band: usize,
+    /// Largest frequency that the views resolve.
+    pub resolved: usize,
+    /// ρ(θi′, θo′), sr⁻¹, at the nodes, N × N, symmetric, at the resolution of the light's band.
+    pub brdf: Vec<f64>,
+    /// σ of ρ, N × N.
+    pub brdf_sigma: Vec<f64>,
+    /// Eigenvalues of the reciprocity problem, increasing, in units of the noise: those near 1 are not determined.
+    pub eigenvalues: Vec<f64>,
+    /// Components of the reciprocity graph, that of p = 0 first.
+    pub components: Vec<Vec<usize>>,
+    /// The eigenproblem's lighting, in the same scale.
+    pub start: Series,
+    /// Eq. 29's lighting, in the same scale.
+    pub ratio: Series,
+    /// Mean square of the reciprocity residuals in units of the noise: 1 if model and noise are right.
+    pub misfit: f64,
+    /// Where the scale comes from.
+    pub scale: String,
+    /// Whether the refinement settled.
+    pub converged: bool,
+}
+
+/// Factorises the light field of every channel.
+///
+/// # Errors
+/// If there are too few columns or samples, if a given scale is unusable, or if a decomposition fails.
+pub fn recover(samples: &Samples, options: &Options) -> Result<Factorisation> {
+    let half = columns::half_circle(samples)?;
+    let channels: Vec<Channel> = (0..samples.channels.len())
+        .into_par_iter()
+        .map(|channel| recover_channel(samples, channel, &half, options))
+        .collect::<Result<_>>()?;
+    let warnings = channels.iter().flat_map(warnings).collect();
+    Ok(Factorisation {
+        nodes: half.angles.iter().map(|a| LocalAngle::radians(*a)).collect(),
+        channels,
+        warnings,
+    })
+}
+
+/// σ of L_1 … L_order at the Cramér–Rao bound for L_0 known, for `truth` and samples `clean` of its light field that hold
+/// the noise's variance but no noise; over the frequencies 0 … order, \[order + 1\] with 0 for L_0.
+///
+/// # Errors
+/// As [`recover`].
+pub fn cramer_rao(
+    clean: &Samples,
+    channel: usize,
+    truth: &Series,
+    order: usize,
+) -> Result<Vec<f64>> {
+    let half = columns::half_circle(clean)?;
+    let spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    let frequencies: Vec<usize> = (0..=order).collect();
+    let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;
+    let mut bound = vec![0.0];
+    for p in 1..=order {
+        bound.push((covariance[(2 * p - 2, 2 * p - 2)] + covariance[(2 * p - 1, 2 * p - 1)]).sqrt());
+    }
+    Ok(bound)
+}
+
+/// The frequencies whose power over the columns exceeds the noise's by five of its standard deviations.
+fn visible(spectrum: &Spectrum) -> Vec<usize> {
+    let columns = spectrum.seen.iter().filter(|s| **s).count() as f64;
+    let mut frequencies = vec![0];
+    for (p, power) in spectrum.signal_to_noise().into_iter().enumerate().skip(1) {
+        // A mean of 2 · columns squares scatters by √(2 / (2 · columns)).
+        if power > 1.0 + 5.0 / columns.sqrt() {
+            frequencies.push(p);
+        }
+    }
+    frequencies
+}
+
+/// The frequencies of the first stage, and by how much each stage goes beyond the last.
+const FIRST_STAGE: usize = 8;
+const GROWTH: f64 = 1.6;
+
+/// The eigenproblem's result at the full band, and the refinement.
+///
+/// The refinement starts from the eigenproblem of the lowest frequencies, which is well determined, and takes in higher
+/// ones stage by stage, each beginning at its regression on the ρ̃ so far: at the noise of the highest frequencies
+/// the eigenproblem of the full band can be far off.
+fn fit(
+    spectrum: &Spectrum,
+    half: &HalfCircle,
+    frequencies: &[usize],
+    options: &Options,
+) -> Result<(spectral::Start, refine::Refined)> {
+    let full = spectral::solve(&Coefficients::new(spectrum, half))?;
+    if !options.refine {
+        let whitened = Whitened::new(spectrum, half, frequencies);
+        let refined = refine::held(&whitened, &within_light(&full.lighting, frequencies))?;
+        return Ok((full, refined));
+    }
+    let mut count = frequencies.len().min(FIRST_STAGE + 1);
+    let mut lighting = {
+        let order = frequencies[count - 1];
+        let low = spectral::solve(&Coefficients::new(&spectrum.truncated(order), half))?;
+        within_light(&low.lighting.with_order(spectrum.order), frequencies)
+    };
+    loop {
+        let whitened = Whitened::new(spectrum, half, &frequencies[..count]);
+        let refined = refine::refine(&whitened, &lighting)?;
+        if count == frequencies.len() {
+            return Ok((full, refined));
+        }
+        let next = ((count as f64 * GROWTH) as usize).min(frequencies.len());
+        lighting = refined.lighting.clone();
+        for &p in &frequencies[count..next] {
+            if let Some((l, _)) = absent::lighting(p, &refined, &whitened, spectrum, half) {
+                lighting.coefficients[p] = l;
+            }
+        }
+        lighting = within_light(&lighting, frequencies);
+        count = next;
+    }
+}
+
+/// The coefficients of `frequencies`, cut to |L_p| ≤ L_0 = 1: no light that is nowhere negative has more.
+fn within_light(lighting: &Series, frequencies: &[usize]) -> Series {
+    let mut within = Series::zero(lighting.order());
+    for &p in frequencies {
+        let l = lighting.get(p as i64);
+        within.coefficients[p] = l / l.norm().max(1.0);
+    }
+    within
+}
+
+fn recover_channel(
+    samples: &Samples,
+    channel: usize,
+    half: &HalfCircle,
+    options: &Options,
+) -> Result<Channel> {
+    let resolved = columns::resolved_order(samples, channel);
+    // Beyond two radians per node the exponentials are not integrated well.
+    let order = options
+        .band
+        .unwrap_or(LARGEST_ORDER)
+        .min(resolved)
+        .min((2.0 / half.step()) as usize);
+    if order == 0 {
+        return Err(Error::input(format!(
+            "factorisation needs views that resolve at least one frequency of the light, found {resolved}"
+        ))
+        .advice("Photograph the object from more directions around it."));
+    }
+    let mut spectrum = Spectrum::fit(samples, channel, half, resolved)?;
+    spectrum.add_folded_variance(order);
+    let spectrum = spectrum.truncated(order);
+    let frequencies = visible(&spectrum);
+    let band = frequencies.last().copied().unwrap_or(0);
+    if band == 0 {
+        return Err(Error::input(
+            "the light field does not change with the normal: only uniform light, or none, is seen, and it tells \
+             nothing about the lighting's shape",
+        )
+        .advice("Use light from few directions."));
+    }
+    let spectrum = spectrum.truncated(band);
+    let coefficients = Coefficients::new(&spectrum, half);
+    let whitened = Whitened::new(&spectrum, half, &frequencies);
+    let (start, refined) = fit(&spectrum, half, &frequencies, options)?;
+    let covariance = uncertainty::covariance(&refined, &whitened, &spectrum)?;
+    let (sum, count) = refined.pairs.misfit();
+    let misfit = sum / (count as f64 - covariance.nrows() as f64).max(1.0);
+    // A misfit beyond its own scatter is a fault of model or noise: σ grows with it.
+    let excess = if misfit > 1.0 + 4.0 * (2.0 / count as f64).sqrt() {
+        misfit
+    } else {
+        1.0
+    };
+    let covariance = covariance * faer::Scale(excess);
+
+    let mut lighting = refined.lighting.clone();
+    // √(var Re + var Im) of the prior where nothing is known.
+    let mut sigma = vec![1.0; band + 1];
+    sigma[0] = 0.0;
+    for (i, &p) in frequencies.iter().enumerate().skip(1) {
+        sigma[p] = (covariance[(2 * i - 2, 2 * i - 2)] + covariance[(2 * i - 1, 2 * i - 1)]).sqrt();
+    }
+    for p in (1..=band).filter(|p| !frequencies.contains(p)) {
+        if let Some((l, variance)) = absent::lighting(p, &refined, &whitened, &spectrum, half) {
+            lighting.coefficients[p] = l;
+            sigma[p] = (2.0 * variance * excess).sqrt();
+        }
+    }
+    let status: Vec<Status> = sigma
+        .iter()
+        .map(|s| match s {
+            s if *s <= 0.05 => Status::Determined,
+            s if *s <= 0.4 => Status::Weak,
+            _ => Status::Indeterminate,
+        })
+        .collect();
+    for (l, status) in lighting.coefficients.iter_mut().zip(&status) {
+        if *status == Status::Indeterminate {
+            *l = Complex64::ZERO;
+        }
+    }
+    let slice = slice::slice(&refined, &whitened, half, &covariance);
+    let (factor, scale) =
+        scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
+    let n = half.len();
+    let row_major = |m: &faer::Mat<f64>, by: f64| -> Vec<f64> {
+        (0..m.nrows())
+            .flat_map(|i| (0..m.ncols()).map(move |j| (i, j)))
+            .map(|(i, j)| by * m[(i, j)])
+            .collect()
+    };
+    let scaled = |s: &Series| Series {
+        coefficients: s.coefficients.iter().map(|c| c * factor).collect(),
+    };
+    debug_assert_eq!(slice.value.nrows(), n);
+    Ok(Channel {
+        name: samples.channels[channel].clone(),
+        lighting: scaled(&lighting),
+        sigma: sigma.iter().map(|s| s * factor).collect(),
+        status,
+        covariance: row_major(&covariance, factor * factor),
+        components: gauge::components(&coefficients, &frequencies),
+        frequencies,
+        band,
+        resolved,
+        brdf: row_major(&slice.value, 1.0 / factor),
+        brdf_sigma: row_major(&slice.sigma, 1.0 / factor),
+        eigenvalues: start.eigenvalues,
+        start: scaled(&start.lighting),
+        ratio: scaled(&ratio::lighting(&coefficients)),
+        misfit,
+        scale,
+        converged: refined.converged,
+    })
+}
+
+/// What a reader must know about a channel.
+fn warnings(channel: &Channel) -> Vec<String> {
+    let name = &channel.name;
+    let mut said = Vec::new();
+    let listed = |status: Status| -> Vec<String> {
+        (0..=channel.band)
+            .filter(|&p| channel.status[p] == status)
+            .map(|p| p.to_string())
+            .collect()
+    };
+    let indeterminate = listed(Status::Indeterminate);
+    if !indeterminate.is_empty() {
+        said.push(format!(
+            "Channel {name}: the lighting's frequencies {} are not determined by this light field and are left at 0.",
+            indeterminate.join(", ")
+        ));
+    }
+    let weak = listed(Status::Weak);
+    if !weak.is_empty() {
+        said.push(format!(
+            "Channel {name}: the lighting's frequencies {} are only weakly determined.",
+            weak.join(", ")
+        ));
+    }
+    if channel.components.len() > 1 {
+        let others: Vec<String> = channel.components[1..]
+            .iter()
+            .map(|c| {
+                let names: Vec<String> = c.iter().map(ToString::to_string).collect();
+                format!("{{{}}}", names.join(", "))
+            })
+            .collect();
+        said.push(format!(
+            "Channel {name}: reciprocity does not tie the frequencies {} to the mean light; each such group has a factor of its own.",
+            others.join(" and ")
+        ));
+    }
+    if channel.misfit > 1.2 {
+        said.push(format!(
+            "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by \
+             that. Light from out of the plane, a texture, or too small a noise estimate would do this.",
+            channel.misfit.sqrt()
+        ));
+    }
+    if !channel.converged {
+        said.push(format!(
+            "Channel {name}: the refinement did not settle; the weakly determined frequencies may be worse than their error bars."
+        ));
+    }
+    said
+}

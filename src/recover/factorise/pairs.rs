@@ -1,0 +1,218 @@
+//! Reciprocity as independent pairs: the light field in the basis in which the symmetric unknown
+//! decouples, given a lighting.
+
+use faer::Mat;
+
+use super::columns::Spectrum;
+use super::half_circle::HalfCircle;
+use crate::error::{Error, Result};
+use crate::fourier::Series;
+
+/// The whitened problem B′ = A′ Y + unit noise, with Y symmetric, common to all lightings.
+///
+/// Column k of B′ is √f_k B(θo′_k) with f_k = 1 / (variance per coefficient); Y = D^½ ρ̃ D^½ with
+/// D_k = f_k / cos² θ_k; and A′(L) = diag(L) E D^{−½} with E the exponentials on the half circle.
+#[derive(Clone, Debug)]
+pub(super) struct Whitened {
+    /// The frequencies whose rows are in the problem, increasing, the first 0: m = 2 · count − 1.
+    pub frequencies: Vec<usize>,
+    /// B′, m × N.
+    pub data: Mat<f64>,
+    /// E D^{−½}, m × N.
+    pub exponentials: Mat<f64>,
+    /// D_k^½, \[N\].
+    pub root: Vec<f64>,
+    /// f_k, \[N\].
+    pub precision: Vec<f64>,
+}
+
+impl Whitened {
+    /// The rows of `frequencies` (increasing, the first 0), whitened by the spectrum's mean variances.
+    ///
+    /// Leaving a frequency out loses what it tells and biases nothing: B_p depends on no other L_q.
+    pub fn new(spectrum: &Spectrum, half: &HalfCircle, frequencies: &[usize]) -> Self {
+        let precision: Vec<f64> = spectrum
+            .covariance
+            .iter()
+            .map(|c| 1.0 / c.mean().max(f64::MIN_POSITIVE))
+            .collect();
+        let root: Vec<f64> = precision
+            .iter()
+            .zip(&half.cosines)
+            .map(|(f, c)| f.sqrt() / c)
+            .collect();
+        let plain = half.exponentials(spectrum.order);
+        let rows = rows_of(frequencies);
+        Self {
+            frequencies: frequencies.to_vec(),
+            data: Mat::from_fn(rows.len(), half.len(), |i, k| {
+                precision[k].sqrt() * spectrum.values[(rows[i], k)]
+            }),
+            exponentials: Mat::from_fn(rows.len(), half.len(), |i, k| {
+                plain[(rows[i], k)] / root[k]
+            }),
+            root,
+            precision,
+        }
+    }
+
+    /// A′ for a lighting: the rows of p turned and scaled by L_p.
+    pub fn operator(&self, lighting: &Series) -> Mat<f64> {
+        let e = &self.exponentials;
+        let mut a = Mat::zeros(e.nrows(), e.ncols());
+        for k in 0..e.ncols() {
+            a[(0, k)] = lighting.get(0).re * e[(0, k)];
+            for (i, &p) in self.frequencies.iter().enumerate().skip(1) {
+                let l = lighting.get(p as i64);
+                let (re, im) = (e[(2 * i - 1, k)], e[(2 * i, k)]);
+                a[(2 * i - 1, k)] = l.re * re - l.im * im;
+                a[(2 * i, k)] = l.im * re + l.re * im;
+            }
+        }
+        a
+    }
+}
+
+/// Where the coefficients of `frequencies` stand in the real basis.
+pub(super) fn rows_of(frequencies: &[usize]) -> Vec<usize> {
+    frequencies
+        .iter()
+        .flat_map(|&p| if p == 0 { 0..1 } else { 2 * p - 1..2 * p + 1 })
+        .collect()
+}
+
+/// The problem for one lighting, in the basis of A′ = Q S Uᵀ: with B″ = Qᵀ B′ U and Z = Uᵀ Y U the model is
+/// B″ = S Z, and the two entries B″_ab and B″_ba see the one unknown z_ab = z_ba through s_a and s_b.
+#[derive(Clone, Debug)]
+pub(super) struct Pairs {
+    /// Q, m × m.
+    pub q: Mat<f64>,
+    /// Singular values in decreasing order, padded with zeros to the larger of m and N.
+    pub s: Vec<f64>,
+    /// U, N × N.
+    pub u: Mat<f64>,
+    /// B″, m × N.
+    pub data: Mat<f64>,
+}
+
+/// Singular values below this times the largest are rounding, and so are their vectors.
+const ROUNDING: f64 = 1e-9;
+
+/// Where the constraints of a [`Pairs`] are: (a, b) with a > b, both seen, or a beyond the rank of the half circle.
+pub(super) fn constraints(m: usize, n: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..m).flat_map(move |a| (0..a.min(n)).map(move |b| (a, b)))
+}
+
+impl Pairs {
+    /// Decomposes A′ of `lighting`.
+    pub fn new(whitened: &Whitened, lighting: &Series) -> Result<Self> {
+        let a = whitened.operator(lighting);
+        let svd = a.svd().map_err(|_| {
+            Error::failed("the singular value decomposition of the light field's operator did not converge")
+        })?;
+        let mut s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        s.resize(a.nrows().max(a.ncols()), 0.0);
+        let (q, u) = (svd.U().to_owned(), svd.V().to_owned());
+        let data = q.transpose() * &whitened.data * &u;
+        Ok(Self { q, s, u, data })
+    }
+
+    /// m: real coefficients per column.
+    pub fn rows(&self) -> usize {
+        self.q.nrows()
+    }
+
+    /// N: nodes of the half circle.
+    pub fn nodes(&self) -> usize {
+        self.u.nrows()
+    }
+
+    /// cos and sin of the angle of pair (a, b): (s_a, s_b) / |s|, and |s|. All 0 where both sides see less than rounding
+    /// lets tell: such a pair says nothing.
+    pub fn gain(&self, a: usize, b: usize) -> (f64, f64, f64) {
+        let size = self.s[a].hypot(self.s[b]);
+        if size > ROUNDING * self.s[0] {
+            (self.s[a] / size, self.s[b] / size, size)
+        } else {
+            (0.0, 0.0, 0.0)
+        }
+    }
+
+    /// What the data say across the model in pair (a, b): zero but for noise of unit variance.
+    /// `entries` is the m × N matrix to take it from (the data, or a change of the model).
+    pub fn across(&self, entries: &Mat<f64>, a: usize, b: usize) -> f64 {
+        let (ca, cb, _) = self.gain(a, b);
+        if a >= self.nodes() {
+            return cb * entries[(a, b)];
+        }
+        cb * entries[(a, b)] - ca * entries[(b, a)]
+    }
+
+    /// What the data say along the model: |s| z_ab plus noise of unit variance; N × N, symmetric. Zero
+    /// where neither side sees the unknown.
+    pub fn along(&self) -> Mat<f64> {
+        let (m, n) = (self.rows(), self.nodes());
+        let mut y = Mat::zeros(n, n);
+        for a in 0..m.min(n) {
+            y[(a, a)] = self.data[(a, a)];
+            for b in 0..a {
+                let (ca, cb, _) = self.gain(a, b);
+                y[(a, b)] = ca * self.data[(a, b)] + cb * self.data[(b, a)];
+                y[(b, a)] = y[(a, b)];
+            }
+            for b in m.min(n)..n {
+                y[(a, b)] = self.data[(a, b)];
+                y[(b, a)] = y[(a, b)];
+            }
+        }
+        y
+    }
+
+    /// |s| of entry (a, b) of [`along`](Self::along): s_a itself on the diagonal.
+    pub fn strength(&self, a: usize, b: usize) -> f64 {
+        if a == b {
+            self.s[a]
+        } else {
+            self.s[a].hypot(self.s[b])
+        }
+    }
+
+    /// Sum of squares of all constraints, and their number.
+    pub fn misfit(&self) -> (f64, usize) {
+        let mut sum = 0.0;
+        let mut count = 0;
+        for (a, b) in constraints(self.rows(), self.nodes()) {
+            sum += self.across(&self.data, a, b).powi(2);
+            count += usize::from(self.gain(a, b).2 > 0.0);
+        }
+        (sum, count)
+    }
+
+    /// Derivative of every constraint by Re L_p, Im L_p of every frequency but L_0, which is held:
+    /// constraints × (m − 1).
+    pub fn jacobian(&self, whitened: &Whitened, unknown: &Mat<f64>) -> Mat<f64> {
+        // H′ = E D^{−½} Y in the basis U on the right: what a unit of L_p adds to row p of B′.
+        let response = &whitened.exponentials * &self.u * unknown;
+        let (m, n) = (self.rows(), self.nodes());
+        let count = constraints(m, n).count();
+        let mut jacobian = Mat::zeros(count, m - 1);
+        for column in 0..m - 1 {
+            let (re, im) = (2 * (column / 2) + 1, 2 * (column / 2) + 2);
+            // i · (x + iy) = −y + ix.
+            let (first, second) = if column % 2 == 0 { (re, im) } else { (im, re) };
+            let sign = if column % 2 == 0 { 1.0 } else { -1.0 };
+            let change = |a: usize, b: usize| {
+                sign * self.q[(re, a)] * response[(first, b)] + self.q[(im, a)] * response[(second, b)]
+            };
+            for (row, (a, b)) in constraints(m, n).enumerate() {
+                let (ca, cb, _) = self.gain(a, b);
+                jacobian[(row, column)] = if a >= n {
+                    cb * change(a, b)
+                } else {
+                    cb * change(a, b) - ca * change(b, a)
+                };
+            }
+        }
+        jacobian
+    }
+}

@@ -1,0 +1,147 @@
+//! The joint refinement of lighting and BRDF: damped Gauss–Newton on the efficient score.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+
+use super::posterior::Posterior;
+use super::pairs::{Pairs, Whitened, constraints};
+use crate::error::{Error, Result};
+use crate::fourier::Series;
+
+/// Steps after which the iteration stops in any case.
+const MOST_STEPS: usize = 30;
+/// A step this small, in units of the joint σ of all parameters, is the last.
+const SETTLED: f64 = 0.05;
+/// The rise of the misfit that a step may bring: the misfit changes by 1 over one σ of one parameter.
+const SLACK: f64 = 0.5;
+
+/// Where the refinement ended.
+#[derive(Debug)]
+pub(super) struct Refined {
+    /// L, with L_0 as in the start.
+    pub lighting: Series,
+    /// The problem at that lighting.
+    pub pairs: Pairs,
+    /// The reciprocal transfer function in the problem's basis, given that lighting.
+    pub posterior: Posterior,
+    /// Derivative of the constraints by (Re L_1, Im L_1, …).
+    pub jacobian: Mat<f64>,
+    /// Steps taken.
+    pub steps: usize,
+    /// Whether the last step was far below σ.
+    pub converged: bool,
+}
+
+/// Information of the prior that |L_p| ≤ L_0, which holds for every light that is nowhere negative: a variance
+/// of L_0²/2 per real part.
+pub(super) fn prior_information(lighting: &Series) -> f64 {
+    2.0 / lighting.get(0).norm_sqr().max(f64::MIN_POSITIVE)
+}
+
+/// The problem at `lighting`, without a step.
+pub(super) fn held(whitened: &Whitened, lighting: &Series) -> Result<Refined> {
+    let pairs = Pairs::new(whitened, lighting)?;
+    Ok(evaluated(whitened, lighting.clone(), pairs))
+}
+
+fn evaluated(whitened: &Whitened, lighting: Series, pairs: Pairs) -> Refined {
+    let posterior = Posterior::new(&pairs);
+    let jacobian = pairs.jacobian(whitened, &posterior.mean);
+    Refined {
+        lighting,
+        pairs,
+        posterior,
+        jacobian,
+        steps: 0,
+        converged: true,
+    }
+}
+
+/// Iterates L ← L + (JᵀJ + prior + damping)⁻¹ (Jᵀ r − prior · L) from `start` until steps are far below σ.
+///
+/// A step that raises Σ y⊥² + prior · |L|² by more than `SLACK` is repeated with more damping. (The efficient score is not
+/// quite that function's gradient, so a rise far below its scatter is let pass.)
+pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
+    let prior = prior_information(start);
+    let cost = |pairs: &Pairs, lighting: &Series| {
+        let light: f64 = lighting.coefficients.iter().skip(1).map(|c| c.norm_sqr()).sum();
+        pairs.misfit().0 + prior * light
+    };
+    let mut at = held(whitened, start)?;
+    let mut reached = cost(&at.pairs, &at.lighting);
+    let mut damping = 0.0;
+    while at.steps < MOST_STEPS {
+        let (m, n) = (at.pairs.rows(), at.pairs.nodes());
+        let mut across = Mat::<f64>::zeros(at.jacobian.nrows(), 1);
+        for (row, (a, b)) in constraints(m, n).enumerate() {
+            across[(row, 0)] = at.pairs.across(&at.pairs.data, a, b);
+        }
+        let mut information = at.jacobian.transpose() * &at.jacobian;
+        let mut score = at.jacobian.transpose() * &across;
+        for i in 0..m - 1 {
+            information[(i, i)] += prior;
+            score[(i, 0)] -= prior * part(&at.lighting, &whitened.frequencies, i);
+        }
+        let mut next = None;
+        for _ in 0..6 {
+            let mut damped = information.clone();
+            for i in 0..m - 1 {
+                damped[(i, i)] *= 1.0 + damping;
+            }
+            let step = damped
+                .llt(Side::Lower)
+                .map_err(|_| {
+                    Error::failed(
+                        "the information matrix of the refinement is not positive definite",
+                    )
+                })?
+                .solve(&score);
+            // The step in units of σ.
+            let size = (step.transpose() * &score)[(0, 0)].max(0.0).sqrt();
+            let lighting = moved(&at.lighting, &whitened.frequencies, &step);
+            let pairs = Pairs::new(whitened, &lighting)?;
+            let found = cost(&pairs, &lighting);
+        if std::env::var("TRACE").is_ok() { println!("   step {} size {size:.3} damping {damping} found {found} reached {reached}", at.steps); }
+            if found <= reached + SLACK {
+                next = Some((lighting, pairs, found, size));
+                break;
+            }
+            damping = f64::max(10.0 * damping, 0.01);
+        }
+        let Some((lighting, pairs, found, size)) = next else {
+            // No step downhill is left: the weakly determined frequencies are where they can be.
+            at.converged = damping < 1.0;
+            break;
+        };
+        reached = found;
+        at = Refined {
+            steps: at.steps + 1,
+            converged: size < SETTLED && damping < 0.1,
+            ..evaluated(whitened, lighting, pairs)
+        };
+        if at.converged {
+            break;
+        }
+        damping = if damping < 0.02 { 0.0 } else { 0.1 * damping };
+    }
+    Ok(at)
+}
+
+/// Parameter `i` of (Re L_p, Im L_p, …) over the frequencies but the first.
+pub(super) fn part(lighting: &Series, frequencies: &[usize], i: usize) -> f64 {
+    let c = frequencies
+        .get(i / 2 + 1)
+        .map_or(num_complex::Complex64::ZERO, |&p| lighting.get(p as i64));
+    if i % 2 == 0 { c.re } else { c.im }
+}
+
+fn moved(lighting: &Series, frequencies: &[usize], step: &Mat<f64>) -> Series {
+    let mut next = lighting.clone();
+    for (i, &p) in frequencies.iter().enumerate().skip(1) {
+        if let Some(c) = next.coefficients.get_mut(p) {
+            c.re += step[(2 * i - 2, 0)];
+            c.im += step[(2 * i - 1, 0)];
+        }
+    }
+    next
+}
