@@ -9,9 +9,11 @@
 //!
 //! [`plan`] chooses; this module carries the choice out.
 
+mod offers;
 mod peaks;
 mod plan;
 mod strip;
+mod ways;
 
 use rayon::prelude::*;
 
@@ -25,7 +27,7 @@ use crate::lighting::Lighting;
 use crate::lighting::environment::write_planes;
 
 use peaks::Stretch;
-pub use plan::{Choice, ColumnPlan, Path};
+pub use plan::{Choice, ColumnPlan, Considered, Path};
 
 /// What is asked of a prefiltering.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +54,8 @@ pub struct Prefiltered {
     pub value: Vec<Vec<f64>>,
     /// How each channel was computed.
     pub choices: Vec<Choice>,
+    /// The ways of taking the light apart that were weighed against each other.
+    pub considered: Vec<Considered>,
     /// The part of `value` that is smooth enough to be interpolated.
     smooth: Vec<Vec<f64>>,
     /// Peaks of the light, evaluated directly as its sources are.
@@ -95,7 +99,7 @@ pub fn prefilter(
         let columns = &plan.choices[c].columns;
         let light = &plan.spectra[c];
         let smooth_part =
-            field(&|j| plan::column(&plan.rest, c, light, brdf.as_ref(), &columns[j], &transform));
+            field(&|j| ways::column(&plan.rest, c, light, brdf.as_ref(), &columns[j], &transform));
         let direct_part = field(&|j| {
             let local = grid.local(j);
             (0..grid.normals)
@@ -125,6 +129,7 @@ pub fn prefilter(
         channels: lighting.channels.clone(),
         value,
         choices: plan.choices,
+        considered: plan.considered,
         smooth,
         stretches: plan.stretches,
         lighting: lighting.clone(),
@@ -291,6 +296,17 @@ mod tests {
                         choice.bound
                     );
                     assert!(found <= tolerance, "{name} sun {sun}: {found:.1e}");
+                    // The cheapest of what was weighed was taken.
+                    let least = made.considered.iter().filter_map(|c| c.cost);
+                    assert_eq!(least.fold(f64::MAX, f64::min), choice.cost);
+                    // A sun of 10⁴ cannot be kept in the shade's tolerance by coefficients; a lobe narrower
+                    // than the environment's detail is integrated, a broad one is not.
+                    assert!(!(sun && tolerance < 2e-3) || choice.peaks > 0, "{name}");
+                    match name {
+                        "Lambertian" | "Phong 32" => assert_eq!(choice.split_columns(), 0),
+                        "Phong 200000" => assert_eq!(choice.split_columns(), GRID.locals),
+                        _ => {}
+                    }
                 }
             }
         }
@@ -327,7 +343,8 @@ mod tests {
         }
         let slow = start.elapsed().as_secs_f64() * grid.locals as f64 / columns.len() as f64;
         assert!(largest <= 2e-3 * made.choices[0].level);
-        assert!(made.choices[0].columns.iter().all(|c| c.path.order() < 200));
+        assert!(made.choices[0].orders().1 < 200);
+        assert!(made.choices[0].coefficients() < 200 * grid.locals);
         // Measured without optimisation beyond level 1 and beside other tests, the ratio is near 100 on a
         // single core; this fails only if the work becomes another order of magnitude.
         assert!(slow > 10.0 * fast, "{slow} {fast}");

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use num_complex::Complex64;
 
-use super::{Double, Paper, exitant_nodes, mixed, parts, test_light};
+use super::{Curve, Double, Paper, Plot, exitant_nodes, mixed, parts, test_light};
 use crate::angle::{LocalAngle, NormalAngle, WorldAngle};
 use crate::brdf::{Brdf, transfer_row};
 use crate::error::Result;
@@ -121,6 +121,27 @@ pub fn check(paper: &mut Paper) -> Result<()> {
         1e-14,
         "rounding",
     );
+    let local = LocalAngle::degrees(40.0);
+    let column = product::column_series(&series, &brdf, local);
+    let circle: Vec<f64> = (-90..=90).map(|k| 2.0 * f64::from(k)).collect();
+    let curve = |name: &str, f: &dyn Fn(NormalAngle) -> f64| Curve {
+        name: name.into(),
+        points: circle
+            .iter()
+            .map(|&a| (a, f(NormalAngle::degrees(a))))
+            .collect(),
+    };
+    paper.plots.push(Plot {
+        id: "product-integral",
+        title: "B(α, 40°) by the product form and by the angular integral".into(),
+        x: "α, degrees",
+        y: "B, W m⁻² sr⁻¹",
+        logarithmic: [false, false],
+        curves: vec![
+            curve("product form", &|a| column.evaluate(a.rad())),
+            curve("angular integral", &|a| integral((a, local))),
+        ],
+    });
     shifts(paper, &light);
     product_form(paper, &brdf, &light);
     Ok(())
