@@ -22,8 +22,11 @@ use crate::recover::normal::NormalSystem;
 const MOST_SOURCES: usize = 12;
 /// Gain in log evidence at which a further source is believed (odds of 400 to 1).
 const BELIEF: f64 = 6.0;
-/// Weighted rms, relative to the largest sample, up to which a misfit may be the model's.
-const MODEL_ERROR: f64 = 3e-4;
+/// Standard deviation, relative to the largest sample, below which no sample is trusted: BRDF, geometry and
+/// planarity of the light are not known better, and their errors are not independent between samples.
+const MODEL_ERROR: f64 = 1e-4;
+/// Weighted rms, relative to the largest sample, up to which a misfit may pass for a split source.
+const SPLIT_ERROR: f64 = 3e-4;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
 /// Gauss–Newton steps under one prior, at the most.
@@ -46,7 +49,8 @@ pub struct Channel<'a> {
     pub mean_light: f64,
     /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
     pub systematics: Vec<Vec<Vec<f64>>>,
-    /// κ ≥ 1: by how much the samples scatter more than their variances say.
+    /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
+    /// their weighted mean variance that of [`MODEL_ERROR`].
     pub noise_scale: f64,
 }
 
@@ -75,7 +79,9 @@ impl<'a> Channel<'a> {
         let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
         let residual = problem.residual(channel.system.square, &x);
         let freedom = channel.system.count.saturating_sub(x.len()).max(1);
-        channel.noise_scale = (residual / freedom as f64).max(1.0);
+        let floor = (channel.system.largest * MODEL_ERROR).powi(2) * channel.system.weight
+            / channel.system.count as f64;
+        channel.noise_scale = (residual / freedom as f64).max(floor).max(1.0);
         Ok(channel)
     }
 
@@ -423,7 +429,7 @@ impl Mixture {
                 .zip(&without.fits)
                 .any(|((channel, fit), before)| {
                     let gain = before.square - fit.square;
-                    gain > (MODEL_ERROR * channel.system.largest).powi(2) * channel.system.weight
+                    gain > (SPLIT_ERROR * channel.system.largest).powi(2) * channel.system.weight
                 })
     }
 
