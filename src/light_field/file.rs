@@ -4,7 +4,7 @@ use std::io::Cursor;
 
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, ImageAttributes,
-    IntegerBounds, Layer, LayerAttributes, SmallVec, Text, Vec2, WritableImage,
+    IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2, WritableImage,
 };
 
 use super::LightField;
@@ -106,7 +106,12 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
         layers.push(Layer::new(
             Vec2(width, height),
             attributes,
-            Encoding::SMALL_FAST_LOSSLESS,
+            // Blocks are compressed in parallel: their order must be stated for the bytes to be the same
+            // every time.
+            Encoding {
+                line_order: LineOrder::Increasing,
+                ..Encoding::SMALL_FAST_LOSSLESS
+            },
             channels,
         ));
     }
