@@ -8,6 +8,7 @@ use exr::prelude::{
 };
 
 use super::LightField;
+use super::header::sort_attributes;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 
@@ -124,7 +125,9 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
         .write()
         .to_buffered(&mut bytes)
         .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))?;
-    Ok(bytes.into_inner())
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    Ok(bytes)
 }
 
 fn text(value: &str) -> Result<Text> {
