@@ -222,8 +222,8 @@ fn first_look(samples: &Samples, channel: usize, transfer: &[Vec<Complex64>]) ->
 }
 
 /// Directions that may hold sources, brightest first: the peaks of the light under the weakest prior
-/// with L(θ) ≥ 0, which sharpens them far beyond the band, by their irradiance over all channels in units
-/// of the mean light.
+/// with L(θ) ≥ 0, which sharpens a source far beyond the band; by their irradiance over all channels in units
+/// of the mean light. A peak wider than a period of the finest frequency that the data know is no source.
 fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f64>> {
     let lights: Vec<Vec<f64>> = channels
         .par_iter()
@@ -240,6 +240,18 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
                 .collect())
         })
         .collect::<Result<_>>()?;
+    let finest = channels
+        .iter()
+        .zip(weak)
+        .map(|(channel, weak)| {
+            let covariance = weak.covariance();
+            let known = |p: &usize| {
+                covariance[(position(*p), position(*p))].sqrt() <= WEAK * channel.mean_light
+            };
+            (0..=channel.system.order).rev().find(known).unwrap_or(0)
+        })
+        .max()
+        .unwrap_or(0);
     let sum: Vec<f64> = (0..TABLE)
         .map(|k| lights.iter().map(|l| l[k]).sum())
         .collect();
@@ -259,6 +271,11 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
             high += 1;
         }
         let floor = at(low).max(at(high));
+        let half = 0.5 * (at(k) + floor);
+        let width = (low..=high).filter(|&i| at(i) > half).count() as f64 * TAU / TABLE as f64;
+        if width > TAU / finest.max(1) as f64 {
+            continue;
+        }
         let (mut total, mut moment) = (0.0, 0.0);
         for i in low..=high {
             let above = (at(i) - floor).max(0.0);
@@ -288,15 +305,22 @@ fn finish(
     let n = 2 * order + 1;
     let synthesis = synthesis_matrix(order, TABLE);
     let mut unknowns = fit.posterior.mean.clone();
+    let mut shown = unknowns.clone();
     if options.non_negative {
-        unknowns = constrained(&fit.posterior, order, mixture.directions.len())?;
+        shown = constrained(&fit.posterior, order, mixture.directions.len())?;
+        // A series that ends at P and is nowhere negative cannot be as sharp as light can. Where the data
+        // see that, the coefficients stay theirs and only the table is kept above zero: 4 per unknown is far
+        // beyond what noise gives, 1 per active constraint at the most.
+        if fit.posterior.squared_distance(&shown) <= 4.0 * unknowns.len() as f64 {
+            unknowns.clone_from(&shown);
+        }
     }
     let smooth = to_series(&unknowns[..n]);
     let (irradiance, systematics) = unknowns[n..].split_at(mixture.directions.len());
 
     let mut table: Vec<f64> = (0..TABLE)
         .map(|k| {
-            let value: f64 = (0..n).map(|i| synthesis[(k, i)] * unknowns[i]).sum();
+            let value: f64 = (0..n).map(|i| synthesis[(k, i)] * shown[i]).sum();
             // What is left below zero lies between the angles at which the constraint was imposed.
             if options.non_negative {
                 value.max(0.0)
