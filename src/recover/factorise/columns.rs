@@ -204,6 +204,20 @@ impl Spectrum {
         };
         for k in (0..half.len()).filter(|&k| !self.seen[k]) {
             let next = seen.partition_point(|&s| s < k);
+<<<<<<< HEAD
+            // The two seen nodes that carry the line: across a gap, or outward from the edge.
+            let (a, b) = match (
+                next.checked_sub(1).and_then(|i| seen.get(i)),
+                seen.get(next),
+            ) {
+                (Some(&a), Some(&b)) => (a, b),
+                (None, Some(&b)) => (b, *seen.get(next + 3).unwrap_or(&b)),
+                (Some(&a), None) => (a, next.checked_sub(4).map_or(a, |i| seen[i])),
+                (None, None) => return,
+            };
+            let t = if a == b {
+                0.0
+=======
             // The two seen nodes that carry the line, and how many nodes share its error.
             let (a, b, sharing) = if k < first {
                 (first, seen.get(3).copied().unwrap_or(last), first)
@@ -213,6 +227,7 @@ impl Spectrum {
                     seen[seen.len().saturating_sub(4)],
                     half.len() - 1 - last,
                 )
+>>>>>>> main
             } else {
                 (seen[next - 1], seen[next], seen[next] - seen[next - 1] - 1)
             };

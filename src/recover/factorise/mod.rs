@@ -377,8 +377,14 @@ fn recover_channel(
             *l = Complex64::ZERO;
         }
     }
+<<<<<<< HEAD
+    let slice = slice::slice(&refined, &whitened, half, &covariance);
+    let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
+    let n = half.len();
+=======
     let slice = slice::slice(&refined, &whitened, half, &changes);
     let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
+>>>>>>> main
     let row_major = |m: &faer::Mat<f64>, by: f64| -> Vec<f64> {
         (0..m.nrows())
             .flat_map(|i| (0..m.ncols()).map(move |j| (i, j)))
