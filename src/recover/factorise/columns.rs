@@ -126,12 +126,7 @@ impl Spectrum {
     /// A column whose θo′ is a node's is taken as it is; otherwise a node takes the linear interpolation
     /// of its neighbours. Nodes beyond the outermost columns are filled by
     /// [`extrapolate`](Self::extrapolate).
-    pub fn fit(
-        samples: &Samples,
-        channel: usize,
-        half: &HalfCircle,
-        order: usize,
-    ) -> Result<Self> {
+    pub fn fit(samples: &Samples, channel: usize, half: &HalfCircle, order: usize) -> Result<Self> {
         let size = 2 * order + 1;
         let fits: Vec<Option<(f64, Vec<f64>, Covariance)>> = samples
             .columns
@@ -207,7 +202,10 @@ impl Spectrum {
             }
             let next = seen.partition_point(|&s| s < k);
             // The two seen nodes that carry the line: across a gap, or outward from the edge.
-            let (a, b) = match (next.checked_sub(1).and_then(|i| seen.get(i)), seen.get(next)) {
+            let (a, b) = match (
+                next.checked_sub(1).and_then(|i| seen.get(i)),
+                seen.get(next),
+            ) {
                 (Some(&a), Some(&b)) => (a, b),
                 (None, Some(&b)) => (b, *seen.get(next + 3).unwrap_or(&b)),
                 (Some(&a), None) => (a, next.checked_sub(4).map_or(a, |i| seen[i])),
@@ -276,9 +274,7 @@ impl Spectrum {
             .iter()
             .map(|c| match c {
                 Covariance::White(v) => Covariance::White(*v),
-                Covariance::Full(c) => {
-                    Covariance::Full(Mat::from_fn(size, size, |i, j| c[(i, j)]))
-                }
+                Covariance::Full(c) => Covariance::Full(Mat::from_fn(size, size, |i, j| c[(i, j)])),
             })
             .collect();
         Self {

@@ -142,7 +142,13 @@ impl Light {
 }
 
 /// `clean` with seeded noise of `sigma` per cell, without the columns beyond `cut` degrees.
-pub(super) fn samples(clean: &[f64], grid: Grid, sigma: f64, cut: f64, seed: Option<u64>) -> Samples {
+pub(super) fn samples(
+    clean: &[f64],
+    grid: Grid,
+    sigma: f64,
+    cut: f64,
+    seed: Option<u64>,
+) -> Samples {
     let mut value = clean.to_vec();
     if let Some(seed) = seed {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
@@ -203,18 +209,26 @@ pub(super) fn monte_carlo(
     let found: Vec<_> = (0..draws)
         .map(|d| {
             let s = samples(&clean, grid, sigma, cut, Some(1000 + d));
-            recover(&s, options).expect("a factorisation").channels.remove(0)
+            recover(&s, options)
+                .expect("a factorisation")
+                .channels
+                .remove(0)
         })
         .collect();
     let seconds = begun.elapsed().as_secs_f64() / draws as f64;
     let band = found.iter().map(|c| c.band).min().unwrap_or(0);
     let truth = light.series(band);
-    let bound = cramer_rao(&samples(&clean, grid, sigma, cut, None), 0, &truth, band).expect("bound");
+    let bound =
+        cramer_rao(&samples(&clean, grid, sigma, cut, None), 0, &truth, band).expect("bound");
     let kept: Vec<usize> = (1..=band)
         .filter(|&p| bound[p] < 0.05 && found.iter().all(|c| c.status[p] == Status::Determined))
         .collect();
     let norm = truth.norm().powi(2) / TAU;
-    let mut cell = Cell { band, seconds, ..Cell::default() };
+    let mut cell = Cell {
+        band,
+        seconds,
+        ..Cell::default()
+    };
     let (mut inside, mut count) = (0.0, 0.0);
     for &p in &kept {
         cell.bound += 2.0 * bound[p].powi(2) / norm;
@@ -223,20 +237,32 @@ pub(super) fn monte_carlo(
             let e = c.lighting.coefficients[p] - truth.coefficients[p];
             mean += e / draws as f64;
             cell.rms += 2.0 * e.norm_sqr() / norm / draws as f64;
-            cell.start += 2.0 * (c.start.coefficients[p] - truth.coefficients[p]).norm_sqr() / norm / draws as f64;
-            cell.ratio += 2.0 * (c.ratio.coefficients[p] - truth.coefficients[p]).norm_sqr() / norm / draws as f64;
+            cell.start += 2.0 * (c.start.coefficients[p] - truth.coefficients[p]).norm_sqr()
+                / norm
+                / draws as f64;
+            cell.ratio += 2.0 * (c.ratio.coefficients[p] - truth.coefficients[p]).norm_sqr()
+                / norm
+                / draws as f64;
             cell.spread += 2.0 * c.sigma[p].powi(2) / norm / draws as f64;
             if let Some(i) = c.frequencies.iter().position(|&q| q == p) {
                 let m = 2 * (c.frequencies.len() - 1);
                 for (part, e) in [(2 * i - 2, e.re), (2 * i - 1, e.im)] {
-                    inside += f64::from(e.abs() <= 1.959_964 * c.covariance[part * m + part].sqrt());
+                    inside +=
+                        f64::from(e.abs() <= 1.959_964 * c.covariance[part * m + part].sqrt());
                     count += 1.0;
                 }
             }
         }
         cell.bias += 2.0 * mean.norm_sqr() / norm;
     }
-    for v in [&mut cell.rms, &mut cell.bias, &mut cell.bound, &mut cell.start, &mut cell.ratio, &mut cell.spread] {
+    for v in [
+        &mut cell.rms,
+        &mut cell.bias,
+        &mut cell.bound,
+        &mut cell.start,
+        &mut cell.ratio,
+        &mut cell.spread,
+    ] {
         *v = v.sqrt();
     }
     cell.coverage = inside / count;
@@ -244,12 +270,32 @@ pub(super) fn monte_carlo(
     cell.unsettled = found.iter().filter(|c| !c.converged).count();
     // Coverage of all complex errors, in σ.
     let (mut wi, mut wc) = (0.0, 0.0);
-    for c in &found { for p in 1..=band { if c.sigma[p] < 0.4 && !kept.contains(&p) { wi += f64::from((c.lighting.coefficients[p] - truth.coefficients[p]).norm() <= 1.7308 * c.sigma[p]); wc += 1.0; } } }
+    for c in &found {
+        for p in 1..=band {
+            if c.sigma[p] < 0.4 && !kept.contains(&p) {
+                wi += f64::from(
+                    (c.lighting.coefficients[p] - truth.coefficients[p]).norm()
+                        <= 1.7308 * c.sigma[p],
+                );
+                wc += 1.0;
+            }
+        }
+    }
     let weak: f64 = wi / wc;
     println!(
         "band {band} kept {} | rms {:.2e} bound {:.2e} ratio {:.3} | bias {:.1e} sigma/bound {:.3} coverage {:.3} | start {:.1e} eq29 {:.1e} | misfit {:.3} unsettled {} | {:.0} ms | weak {weak:.3}",
-        kept.len(), cell.rms, cell.bound, cell.rms / cell.bound, cell.bias, cell.spread / cell.bound, cell.coverage,
-        cell.start, cell.ratio, cell.misfit, cell.unsettled, 1e3 * cell.seconds
+        kept.len(),
+        cell.rms,
+        cell.bound,
+        cell.rms / cell.bound,
+        cell.bias,
+        cell.spread / cell.bound,
+        cell.coverage,
+        cell.start,
+        cell.ratio,
+        cell.misfit,
+        cell.unsettled,
+        1e3 * cell.seconds
     );
     cell
 }
@@ -257,18 +303,55 @@ pub(super) fn monte_carlo(
 #[test]
 #[ignore = "minutes"]
 fn explore() {
-    let n: usize = std::env::var("N").ok().and_then(|v| v.parse().ok()).unwrap_or(60);
-    let cut: f64 = std::env::var("CUT").ok().and_then(|v| v.parse().ok()).unwrap_or(90.0);
-    let draws: u64 = std::env::var("DRAWS").ok().and_then(|v| v.parse().ok()).unwrap_or(10);
-    let grid = Grid { normals: 6 * n, locals: n };
-    for (bname, recipe) in [("phong 8", PHONG_8), ("phong 32", PHONG_32), ("phong 128", PHONG_128), ("ggx .1", GGX_01), ("ggx .2", GGX_02), ("ggx .4", GGX_04), ("plastic", PLASTIC), ("velvet", VELVET)] {
-        if std::env::var("B").is_ok_and(|v| v != bname) { continue; }
+    let n: usize = std::env::var("N")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(60);
+    let cut: f64 = std::env::var("CUT")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(90.0);
+    let draws: u64 = std::env::var("DRAWS")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(10);
+    let grid = Grid {
+        normals: 6 * n,
+        locals: n,
+    };
+    for (bname, recipe) in [
+        ("phong 8", PHONG_8),
+        ("phong 32", PHONG_32),
+        ("phong 128", PHONG_128),
+        ("ggx .1", GGX_01),
+        ("ggx .2", GGX_02),
+        ("ggx .4", GGX_04),
+        ("plastic", PLASTIC),
+        ("velvet", VELVET),
+    ] {
+        if std::env::var("B").is_ok_and(|v| v != bname) {
+            continue;
+        }
         let b = brdf(recipe);
-        for (lname, light) in [("suns", Light::Real(two_suns())), ("sky", Light::Real(sky_and_sun())), ("random", Light::Limited(random(16, 5)))] {
-            if std::env::var("L").is_ok_and(|v| v != lname) { continue; }
+        for (lname, light) in [
+            ("suns", Light::Real(two_suns())),
+            ("sky", Light::Real(sky_and_sun())),
+            ("random", Light::Limited(random(16, 5))),
+        ] {
+            if std::env::var("L").is_ok_and(|v| v != lname) {
+                continue;
+            }
             for noise in [0.0001, 0.001, 0.01] {
                 print!("{bname} {lname} {noise}: ");
-                monte_carlo(b.as_ref(), &light, grid, noise, cut, draws, &Options::default());
+                monte_carlo(
+                    b.as_ref(),
+                    &light,
+                    grid,
+                    noise,
+                    cut,
+                    draws,
+                    &Options::default(),
+                );
             }
         }
     }
