@@ -54,7 +54,12 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
             regularisation: recipe.recovery.regularisation,
             non_negative: recipe.recovery.non_negative,
         };
-        let estimate = lighting::recover(&measured.samples, &material, &options)?;
+        let estimate = lighting::recover_with(
+            &measured.samples,
+            &measured.systematics,
+            &material,
+            &options,
+        )?;
         clock.lap("lighting");
         let predicted = lighting::predict(&estimate, &material, &measured.field.samples());
         residual = Some(subtract(&measured.field, &predicted));
