@@ -65,6 +65,8 @@ mod slice;
 mod spectral;
 #[cfg(test)]
 mod study;
+#[cfg(test)]
+mod tests;
 mod uncertainty;
 
 use num_complex::Complex64;
@@ -183,7 +185,11 @@ pub fn recover(samples: &Samples, options: &Options) -> Result<Factorisation> {
         .collect::<Result<_>>()?;
     let warnings = channels.iter().flat_map(warnings).collect();
     Ok(Factorisation {
-        nodes: half.angles.iter().map(|a| LocalAngle::radians(*a)).collect(),
+        nodes: half
+            .angles
+            .iter()
+            .map(|a| LocalAngle::radians(*a))
+            .collect(),
         channels,
         warnings,
     })
@@ -206,7 +212,8 @@ pub fn cramer_rao(
     let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;
     let mut bound = vec![0.0];
     for p in 1..=order {
-        bound.push((covariance[(2 * p - 2, 2 * p - 2)] + covariance[(2 * p - 1, 2 * p - 1)]).sqrt());
+        bound
+            .push((covariance[(2 * p - 2, 2 * p - 2)] + covariance[(2 * p - 1, 2 * p - 1)]).sqrt());
     }
     Ok(bound)
 }
@@ -320,7 +327,12 @@ fn recover_channel(
         let cut = spectrum.truncated(band);
         let (start, refined) = fit(&cut, half, &frequencies, options)?;
         if refined.converged || frequencies.len() <= FIRST_STAGE {
-            break (cut.clone(), Whitened::new(&cut, half, &frequencies), start, refined);
+            break (
+                cut.clone(),
+                Whitened::new(&cut, half, &frequencies),
+                start,
+                refined,
+            );
         }
         frequencies.truncate((frequencies.len() * 3).div_ceil(4));
     };
@@ -347,7 +359,9 @@ fn recover_channel(
         sigma[p] = (covariance[(2 * i - 2, 2 * i - 2)] + covariance[(2 * i - 1, 2 * i - 1)]).sqrt();
     }
     for p in (1..=band).filter(|p| !frequencies.contains(p)) {
-        if let Some((l, variance)) = absent::lighting(p, &refined, &whitened, &spectrum, half, &changes) {
+        if let Some((l, variance)) =
+            absent::lighting(p, &refined, &whitened, &spectrum, half, &changes)
+        {
             lighting.coefficients[p] = l;
             sigma[p] = (2.0 * variance * excess).sqrt();
         }
@@ -366,8 +380,7 @@ fn recover_channel(
         }
     }
     let slice = slice::slice(&refined, &whitened, half, &changes);
-    let (factor, scale) =
-        scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
+    let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
     let row_major = |m: &faer::Mat<f64>, by: f64| -> Vec<f64> {
         (0..m.nrows())
             .flat_map(|i| (0..m.ncols()).map(move |j| (i, j)))

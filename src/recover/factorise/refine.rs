@@ -3,8 +3,8 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use super::posterior::Posterior;
 use super::pairs::{Pairs, Whitened, constraints};
+use super::posterior::Posterior;
 use crate::error::{Error, Result};
 use crate::fourier::Series;
 
@@ -64,7 +64,12 @@ fn evaluated(whitened: &Whitened, lighting: Series, pairs: Pairs) -> Refined {
 pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
     let prior = prior_information(start);
     let cost = |pairs: &Pairs, lighting: &Series| {
-        let light: f64 = lighting.coefficients.iter().skip(1).map(|c| c.norm_sqr()).sum();
+        let light: f64 = lighting
+            .coefficients
+            .iter()
+            .skip(1)
+            .map(|c| c.norm_sqr())
+            .sum();
         pairs.misfit().0 + prior * light
     };
     let mut at = held(whitened, start)?;
@@ -131,7 +136,7 @@ pub(super) fn part(lighting: &Series, frequencies: &[usize], i: usize) -> f64 {
     let c = frequencies
         .get(i / 2 + 1)
         .map_or(num_complex::Complex64::ZERO, |&p| lighting.get(p as i64));
-    if i % 2 == 0 { c.re } else { c.im }
+    if i.is_multiple_of(2) { c.re } else { c.im }
 }
 
 fn moved(lighting: &Series, frequencies: &[usize], step: &Mat<f64>) -> Series {

@@ -36,7 +36,7 @@ fn noise_information(refined: &Refined, whitened: &Whitened) -> Mat<f64> {
     // Parameter k reads rows of Q and rows of the response: (row of Q, row of E, sign).
     let reads = |k: usize| {
         let (re, im) = (2 * (k / 2) + 1, 2 * (k / 2) + 2);
-        if k % 2 == 0 {
+        if k.is_multiple_of(2) {
             [(re, re, 1.0), (im, im, 1.0)]
         } else {
             [(re, im, -1.0), (im, re, 1.0)]
