@@ -465,3 +465,30 @@ fn seventy_two_views_of_a_metal() {
         }
     }
 }
+
+/// Three channels of 360 × 180 cells: the promise is 5 s on two cores in a release build.
+#[test]
+#[ignore = "a measurement"]
+fn time_of_three_channels() {
+    let grid = Grid {
+        normals: 360,
+        locals: 180,
+    };
+    let b = brdf(GGX_02);
+    let clean = Light::Real(two_suns()).field(b.as_ref(), grid);
+    let sigma = 1e-3 * clean.iter().copied().fold(0.0, f64::max);
+    let fields: Vec<Samples> = (0..3)
+        .map(|seed| samples(&clean, grid, sigma, 85.0, Some(seed)))
+        .collect();
+    let mut all = fields[0].clone();
+    for other in &fields[1..] {
+        all.channels.push("Y".into());
+        for (column, more) in all.columns.iter_mut().zip(&other.columns) {
+            column.value.push(more.value[0].clone());
+            column.variance.push(more.variance[0].clone());
+        }
+    }
+    let begun = std::time::Instant::now();
+    let found = recover(&all, &Options::default()).expect("a factorisation");
+    println!("band {}: {:?}", found.channels[0].band, begun.elapsed());
+}
