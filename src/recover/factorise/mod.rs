@@ -65,6 +65,8 @@ mod slice;
 mod spectral;
 #[cfg(test)]
 mod study;
+#[cfg(test)]
+mod tests;
 mod uncertainty;
 
 use num_complex::Complex64;
@@ -205,7 +207,8 @@ pub fn cramer_rao(
     order: usize,
 ) -> Result<Vec<f64>> {
     let half = columns::half_circle(clean)?;
-    let spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    let mut spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    spectrum.forget_guesses();
     let frequencies: Vec<usize> = (0..=order).collect();
     let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;
     let mut bound = vec![0.0];
@@ -377,14 +380,8 @@ fn recover_channel(
             *l = Complex64::ZERO;
         }
     }
-<<<<<<< HEAD
-    let slice = slice::slice(&refined, &whitened, half, &covariance);
-    let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
-    let n = half.len();
-=======
     let slice = slice::slice(&refined, &whitened, half, &changes);
     let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
->>>>>>> main
     let row_major = |m: &faer::Mat<f64>, by: f64| -> Vec<f64> {
         (0..m.nrows())
             .flat_map(|i| (0..m.ncols()).map(move |j| (i, j)))
