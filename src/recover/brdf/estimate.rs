@@ -6,17 +6,7 @@ use num_complex::Complex64;
 
 use super::evidence::CurvePoint;
 use super::prior::Smoothness;
-
-/// How well a quantity is known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Status {
-    /// The samples alone tell at least twice as much about it as the prior does.
-    Determined,
-    /// Only with the smoothness of the prior: between views, or beyond the resolution of the light.
-    Weak,
-    /// The samples hardly change what the prior says: nothing is claimed.
-    Indeterminate,
-}
+use crate::lighting::Status;
 
 /// The recovered in-plane slice, one per channel.
 #[derive(Clone, Debug)]

@@ -6,12 +6,13 @@ use faer::Mat;
 use num_complex::Complex64;
 
 use super::basis::{Basis, END_SHAPES};
-use super::estimate::{Coefficient, Status};
+use super::estimate::Coefficient;
 use super::information::Information;
 use super::posterior::{self, Posterior};
 use super::prior::{Factor, Penalties, Relief, Smoothness};
 use super::spectrum;
 use crate::Result;
+use crate::lighting::Status;
 
 /// How many times the largest value of the slice a coefficient may be in the problem without smoothness.
 const VAGUE: f64 = 100.0;

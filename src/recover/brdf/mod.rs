@@ -54,7 +54,7 @@ use crate::light_field::Samples;
 use crate::lighting::Lighting;
 use crate::{Error, Result};
 use basis::Basis;
-pub use estimate::{BrdfEstimate, Coefficient, Slice, Status};
+pub use estimate::{BrdfEstimate, Coefficient, Slice};
 pub use evidence::CurvePoint;
 use fit::{Fit, Reach, vague};
 use information::{Illumination, Information};

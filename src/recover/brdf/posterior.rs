@@ -58,6 +58,8 @@ impl Posterior {
             for (i, (&x, &z)) in mean.iter().zip(&force).enumerate() {
                 matrix[(i, i)] += barrier_curvature(x, z, 1.0 / covariance[(i, i)]);
             }
+            // Each of these is tens of megabytes.
+            drop((factor, covariance));
             let tighter = Factor::new(&matrix)?;
             drop(matrix);
             let narrower = tighter.inverse();

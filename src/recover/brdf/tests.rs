@@ -11,7 +11,7 @@ use super::*;
 use crate::angle::{WorldAngle, wrap};
 use crate::fourier::Series;
 use crate::grid::Grid;
-use crate::lighting::Source;
+use crate::lighting::{Source, Status};
 
 /// ρ(θi′, θo′) of the planted surfaces, written out here so that the test shares nothing with the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
