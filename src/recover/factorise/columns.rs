@@ -29,6 +29,9 @@ pub(super) struct Spectrum {
     pub seen: Vec<bool>,
 }
 
+/// The turn of B_p, in radians, over which a straight line in the complex plane is still a fair guess.
+const MOST_TURN: f64 = 2.5;
+
 /// Covariance of the m values of one column.
 #[derive(Clone, Debug)]
 pub(super) enum Covariance {
@@ -193,35 +196,50 @@ impl Spectrum {
         Ok(spectrum)
     }
 
-    /// Fills the nodes that were not seen with the line through the nearest seen nodes of B_p(θo′) (taken a
-    /// few nodes apart, against noise), and a variance as large as the signal there: a guess to start
-    /// from, not a measurement.
+    /// Fills the nodes that were not seen by the line through the nearest seen nodes of B_p(θo′), a few nodes apart
+    /// against noise: a guess to start from, not a measurement.
+    ///
+    /// A mirror's B_p turns as e^{−ipθo′}: where it would turn by more than `MOST_TURN` up to the unseen node, the line is
+    /// drawn in the frame that turns with the seen nodes. The guess's variance is the power there; its error is common to all nodes on that side,
+    /// so it is counted once for each.
     fn extrapolate(&mut self, half: &HalfCircle) {
         let seen: Vec<usize> = (0..half.len()).filter(|&k| self.seen[k]).collect();
-        let power = |k: usize| self.values.col(k).iter().map(|v| v * v).sum::<f64>();
-        let largest = seen.iter().map(|&k| power(k)).fold(0.0, f64::max);
-        let spread = largest.max(f64::MIN_POSITIVE);
-        for k in 0..half.len() {
-            if self.seen[k] {
-                continue;
-            }
+        let (Some(&first), Some(&last)) = (seen.first(), seen.last()) else {
+            return;
+        };
+        for k in (0..half.len()).filter(|&k| !self.seen[k]) {
             let next = seen.partition_point(|&s| s < k);
-            // The two seen nodes that carry the line: across a gap, or outward from the edge.
-            let (a, b) = match (next.checked_sub(1).and_then(|i| seen.get(i)), seen.get(next)) {
-                (Some(&a), Some(&b)) => (a, b),
-                (None, Some(&b)) => (b, *seen.get(next + 3).unwrap_or(&b)),
-                (Some(&a), None) => (a, next.checked_sub(4).map_or(a, |i| seen[i])),
-                (None, None) => return,
-            };
-            let t = if a == b {
-                0.0
+            // The two seen nodes that carry the line, and how many nodes share its error.
+            let (a, b, sharing) = if k < first {
+                (first, seen.get(3).copied().unwrap_or(last), first)
+            } else if k > last {
+                (last, seen[seen.len().saturating_sub(4)], half.len() - 1 - last)
             } else {
-                (half.angles[k] - half.angles[a]) / (half.angles[b] - half.angles[a])
+                (seen[next - 1], seen[next], seen[next] - seen[next - 1] - 1)
             };
-            for i in 0..self.values.nrows() {
-                self.values[(i, k)] = (1.0 - t) * self.values[(i, a)] + t * self.values[(i, b)];
+            let t = (half.angles[k] - half.angles[a]) / (half.angles[b] - half.angles[a]);
+            let mut power = 0.0;
+            for p in 0..=self.order {
+                let (near, far) = (self.get(p as i64, a), self.get(p as i64, b));
+                let turn = (far * near.conj()).arg();
+                let guess = if (turn * t).abs() < MOST_TURN {
+                    (1.0 - t) * near + t * far
+                } else {
+                    let along = (1.0 - t) * near + t * far * Complex64::cis(-turn);
+                    // A line that crosses zero has told all it can: then the amplitude is held.
+                    let crossed = along.norm() > 3.0 * near.norm() || (along * near.conj()).re < 0.0;
+                    (if crossed { near } else { along }) * Complex64::cis(turn * t)
+                };
+                power += near.norm_sqr().max(guess.norm_sqr());
+                if p == 0 {
+                    self.values[(0, k)] = guess.re;
+                } else {
+                    self.values[(2 * p - 1, k)] = SQRT_2 * guess.re;
+                    self.values[(2 * p, k)] = SQRT_2 * guess.im;
+                }
             }
-            self.covariance[k] = Covariance::White(spread);
+            let spread = sharing as f64 * power / (self.order + 1) as f64;
+            self.covariance[k] = Covariance::White(spread.max(f64::MIN_POSITIVE));
         }
     }
 

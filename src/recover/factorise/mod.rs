@@ -222,15 +222,14 @@ fn visible(spectrum: &Spectrum) -> Vec<usize> {
     frequencies
 }
 
-/// The frequencies of the first stage, and by how much each stage goes beyond the last.
+/// The number of frequencies of the first stage.
 const FIRST_STAGE: usize = 8;
-const GROWTH: f64 = 1.6;
 
 /// The eigenproblem's result at the full band, and the refinement.
 ///
-/// The refinement starts from the eigenproblem of the lowest frequencies, which is well determined, and takes in higher
-/// ones stage by stage, each beginning at its regression on the ρ̃ so far: at the noise of the highest frequencies
-/// the eigenproblem of the full band can be far off.
+/// The refinement begins with the eigenproblem of the lowest frequencies, which is well determined; the higher ones
+/// join at their regression on the ρ̃ so found. At the noise of the highest frequencies the eigenproblem of the full
+/// band can be far off; it is tried if the first way ends badly, and the better fit is kept.
 fn fit(
     spectrum: &Spectrum,
     half: &HalfCircle,
@@ -238,33 +237,38 @@ fn fit(
     options: &Options,
 ) -> Result<(spectral::Start, refine::Refined)> {
     let full = spectral::solve(&Coefficients::new(spectrum, half))?;
+    let whitened = Whitened::new(spectrum, half, frequencies);
+    let start = within_light(&full.lighting, frequencies);
     if !options.refine {
-        let whitened = Whitened::new(spectrum, half, frequencies);
-        let refined = refine::held(&whitened, &within_light(&full.lighting, frequencies))?;
+        let refined = refine::held(&whitened, &start)?;
         return Ok((full, refined));
     }
-    let mut count = frequencies.len().min(FIRST_STAGE + 1);
-    let mut lighting = {
-        let order = frequencies[count - 1];
+    let first = frequencies.len().min(FIRST_STAGE + 1);
+    let low = if first < frequencies.len() {
+        let order = frequencies[first - 1];
         let low = spectral::solve(&Coefficients::new(&spectrum.truncated(order), half))?;
-        within_light(&low.lighting.with_order(spectrum.order), frequencies)
-    };
-    loop {
-        let whitened = Whitened::new(spectrum, half, &frequencies[..count]);
-        let refined = refine::refine(&whitened, &lighting)?;
-        if count == frequencies.len() {
-            return Ok((full, refined));
-        }
-        let next = ((count as f64 * GROWTH) as usize).min(frequencies.len());
-        lighting = refined.lighting.clone();
-        for &p in &frequencies[count..next] {
-            if let Some((l, _)) = absent::lighting(p, &refined, &whitened, spectrum, half) {
+        let lighting = within_light(&low.lighting.with_order(spectrum.order), frequencies);
+        let stage = Whitened::new(spectrum, half, &frequencies[..first]);
+        let refined = refine::refine(&stage, &lighting)?;
+        let mut lighting = refined.lighting.clone();
+        for &p in &frequencies[first..] {
+            if let Some((l, _)) = absent::lighting(p, &refined, &stage, spectrum, half) {
                 lighting.coefficients[p] = l;
             }
         }
-        lighting = within_light(&lighting, frequencies);
-        count = next;
+        within_light(&lighting, frequencies)
+    } else {
+        start.clone()
+    };
+    let mut refined = refine::refine(&whitened, &low)?;
+    let (misfit, count) = refined.pairs.misfit();
+    if first < frequencies.len() && (!refined.converged || misfit > 1.2 * count as f64) {
+        let other = refine::refine(&whitened, &start)?;
+        if other.pairs.misfit().0 < misfit {
+            refined = other;
+        }
     }
+    Ok((full, refined))
 }
 
 /// The coefficients of `frequencies`, cut to |L_p| ≤ L_0 = 1: no light that is nowhere negative has more.

@@ -12,8 +12,7 @@ const DECAY: f64 = 0.7;
 
 /// Mean and variance of Z, entry by entry: a Gaussian posterior under an empirical prior of mean 0.
 ///
-/// The prior variance τ² of z_ab is that of its neighbourhood of 5 × 5 entries, (mean of y∥² − 1) / |s|²; where the
-/// neighbourhood is at the noise it goes on from the last entry seen and decays. Any function of y∥ may be used here
+/// The prior variance τ² of z_ab is that of its neighbourhood of 5 × 5 entries; where the neighbourhood is at the noise it goes on from the last entry seen and decays. Any function of y∥ may be used here
 /// without bias in the lighting, since the noise along the model is independent of that across it.
 #[derive(Clone, Debug)]
 pub(super) struct Posterior {
@@ -28,9 +27,15 @@ impl Posterior {
     pub fn new(pairs: &Pairs) -> Self {
         let n = pairs.nodes();
         let along = pairs.along();
-        let local = smoothed(&Mat::from_fn(n, n, |a, b| along[(a, b)].powi(2)));
-        // A mean of 25 squares of unit noise scatters by √(2/25) ≈ 0.28 about 1.
-        let above = 1.0 + 2.0 * (2.0 / ((2 * REACH + 1) as f64).powi(2)).sqrt();
+        let square = |a: usize, b: usize| pairs.strength(a, b).powi(2);
+        // Maximum likelihood of τ² for small τ²: weights |s|⁴ on z² − 1/|s|². Strengths fall steeply from entry to entry,
+        // so the strongest neighbours speak for the weak ones.
+        let excess = smoothed(&pairs.s, &Mat::from_fn(n, n, |a, b| {
+            square(a, b) * (along[(a, b)].powi(2) - 1.0)
+        }));
+        let weight = smoothed(&pairs.s, &Mat::from_fn(n, n, |a, b| square(a, b).powi(2)));
+        // The mean of the excess over the 25 scatters by √(2 · weight / 25).
+        let scatter = 2.0 / ((2 * REACH + 1) as f64).powi(2);
         let mut prior = Mat::<f64>::zeros(n, n);
         let mut mean = Mat::zeros(n, n);
         let mut variance = Mat::zeros(n, n);
@@ -42,9 +47,9 @@ impl Posterior {
                     (false, Some(c)) => prior[(a - 1, c)],
                     (false, None) => 0.0,
                 };
-                let seen = local[(a, b)] > above && strength > 0.0;
-                let tau = if seen {
-                    (local[(a, b)] - 1.0) / (strength * strength)
+                let (over, by) = (excess[(a, b)], weight[(a, b)]);
+                let tau = if by > 0.0 && over > 2.0 * (scatter * by).sqrt() {
+                    over / by
                 } else {
                     DECAY * before
                 };
@@ -60,16 +65,21 @@ impl Posterior {
     }
 }
 
-/// Mean over the neighbours, fewer at the edges.
-fn smoothed(power: &Mat<f64>) -> Mat<f64> {
-    let rows = Mat::from_fn(power.nrows(), power.ncols(), |a, b| {
-        let range = a.saturating_sub(REACH)..(a + REACH + 1).min(power.nrows());
-        let count = range.len() as f64;
-        range.map(|i| power[(i, b)]).sum::<f64>() / count
-    });
-    Mat::from_fn(power.nrows(), power.ncols(), |a, b| {
-        let range = b.saturating_sub(REACH)..(b + REACH + 1).min(power.ncols());
-        let count = range.len() as f64;
-        range.map(|i| rows[(a, i)]).sum::<f64>() / count
-    })
+/// The indices near `a` whose singular values are of its own kind: modes of nodes that were never seen have far
+/// larger ones, and say nothing about the scale of the others.
+fn neighbours(s: &[f64], a: usize, len: usize) -> impl Iterator<Item = usize> {
+    const SPREAD: f64 = 20.0;
+    (a.saturating_sub(REACH)..(a + REACH + 1).min(len))
+        .filter(move |&i| s[i] <= SPREAD * s[a] && s[a] <= SPREAD * s[i])
+}
+
+/// Mean over the neighbours of an N × N array.
+fn smoothed(s: &[f64], values: &Mat<f64>) -> Mat<f64> {
+    let n = values.nrows();
+    let near: Vec<Vec<usize>> = (0..n).map(|a| neighbours(s, a, n).collect()).collect();
+    let mean = |indices: &[usize], at: &dyn Fn(usize) -> f64| {
+        indices.iter().map(|&i| at(i)).sum::<f64>() / indices.len().max(1) as f64
+    };
+    let rows = Mat::from_fn(n, n, |a, b| mean(&near[a], &|i| values[(i, b)]));
+    Mat::from_fn(n, n, |a, b| mean(&near[b], &|i| rows[(a, i)]))
 }
