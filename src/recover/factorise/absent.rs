@@ -46,6 +46,5 @@ pub(super) fn lighting(
     // Four times its noise: then the noise in H_p takes less than a quarter from the slope, which the information
     // below, without that noise, covers.
     let information = power - noise;
-    (power > 4.0 * noise && information > 0.0)
-        .then(|| (product / information, 1.0 / information))
+    (power > 4.0 * noise && information > 0.0).then(|| (product / information, 1.0 / information))
 }

@@ -129,12 +129,7 @@ impl Spectrum {
     /// A column whose θo′ is a node's is taken as it is; otherwise a node takes the linear interpolation
     /// of its neighbours. Nodes beyond the outermost columns are filled by
     /// [`extrapolate`](Self::extrapolate).
-    pub fn fit(
-        samples: &Samples,
-        channel: usize,
-        half: &HalfCircle,
-        order: usize,
-    ) -> Result<Self> {
+    pub fn fit(samples: &Samples, channel: usize, half: &HalfCircle, order: usize) -> Result<Self> {
         let size = 2 * order + 1;
         let fits: Vec<Option<(f64, Vec<f64>, Covariance)>> = samples
             .columns
@@ -213,7 +208,11 @@ impl Spectrum {
             let (a, b, sharing) = if k < first {
                 (first, seen.get(3).copied().unwrap_or(last), first)
             } else if k > last {
-                (last, seen[seen.len().saturating_sub(4)], half.len() - 1 - last)
+                (
+                    last,
+                    seen[seen.len().saturating_sub(4)],
+                    half.len() - 1 - last,
+                )
             } else {
                 (seen[next - 1], seen[next], seen[next] - seen[next - 1] - 1)
             };
@@ -227,7 +226,8 @@ impl Spectrum {
                 } else {
                     let along = (1.0 - t) * near + t * far * Complex64::cis(-turn);
                     // A line that crosses zero has told all it can: then the amplitude is held.
-                    let crossed = along.norm() > 3.0 * near.norm() || (along * near.conj()).re < 0.0;
+                    let crossed =
+                        along.norm() > 3.0 * near.norm() || (along * near.conj()).re < 0.0;
                     (if crossed { near } else { along }) * Complex64::cis(turn * t)
                 };
                 power += near.norm_sqr().max(guess.norm_sqr());
@@ -294,9 +294,7 @@ impl Spectrum {
             .iter()
             .map(|c| match c {
                 Covariance::White(v) => Covariance::White(*v),
-                Covariance::Full(c) => {
-                    Covariance::Full(Mat::from_fn(size, size, |i, j| c[(i, j)]))
-                }
+                Covariance::Full(c) => Covariance::Full(Mat::from_fn(size, size, |i, j| c[(i, j)])),
             })
             .collect();
         Self {

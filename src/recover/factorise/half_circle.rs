@@ -149,7 +149,12 @@ mod tests {
                 (sum - exact).norm()
             };
             // Halving the step divides an error of order 5 by 32 or more.
-            assert!(error(40) / error(80) > 25.0, "{p}: {} {}", error(40), error(80));
+            assert!(
+                error(40) / error(80) > 25.0,
+                "{p}: {} {}",
+                error(40),
+                error(80)
+            );
             // The plain midpoint rule is off by h²/24·[f′] = 4e-5·5 here.
             assert!(error(90) < 2e-8, "{p}: {}", error(90));
         }

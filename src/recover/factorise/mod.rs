@@ -181,7 +181,11 @@ pub fn recover(samples: &Samples, options: &Options) -> Result<Factorisation> {
         .collect::<Result<_>>()?;
     let warnings = channels.iter().flat_map(warnings).collect();
     Ok(Factorisation {
-        nodes: half.angles.iter().map(|a| LocalAngle::radians(*a)).collect(),
+        nodes: half
+            .angles
+            .iter()
+            .map(|a| LocalAngle::radians(*a))
+            .collect(),
         channels,
         warnings,
     })
@@ -204,7 +208,8 @@ pub fn cramer_rao(
     let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;
     let mut bound = vec![0.0];
     for p in 1..=order {
-        bound.push((covariance[(2 * p - 2, 2 * p - 2)] + covariance[(2 * p - 1, 2 * p - 1)]).sqrt());
+        bound
+            .push((covariance[(2 * p - 2, 2 * p - 2)] + covariance[(2 * p - 1, 2 * p - 1)]).sqrt());
     }
     Ok(bound)
 }
@@ -354,8 +359,7 @@ fn recover_channel(
         }
     }
     let slice = slice::slice(&refined, &whitened, half, &covariance);
-    let (factor, scale) =
-        scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
+    let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
     let n = half.len();
     let row_major = |m: &faer::Mat<f64>, by: f64| -> Vec<f64> {
         (0..m.nrows())

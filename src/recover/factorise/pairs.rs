@@ -108,7 +108,9 @@ impl Pairs {
     pub fn new(whitened: &Whitened, lighting: &Series) -> Result<Self> {
         let a = whitened.operator(lighting);
         let svd = a.svd().map_err(|_| {
-            Error::failed("the singular value decomposition of the light field's operator did not converge")
+            Error::failed(
+                "the singular value decomposition of the light field's operator did not converge",
+            )
         })?;
         let mut s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
         s.resize(a.nrows().max(a.ncols()), 0.0);
@@ -202,7 +204,8 @@ impl Pairs {
             let (first, second) = if column % 2 == 0 { (re, im) } else { (im, re) };
             let sign = if column % 2 == 0 { 1.0 } else { -1.0 };
             let change = |a: usize, b: usize| {
-                sign * self.q[(re, a)] * response[(first, b)] + self.q[(im, a)] * response[(second, b)]
+                sign * self.q[(re, a)] * response[(first, b)]
+                    + self.q[(im, a)] * response[(second, b)]
             };
             for (row, (a, b)) in constraints(m, n).enumerate() {
                 let (ca, cb, _) = self.gain(a, b);

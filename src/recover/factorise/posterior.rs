@@ -30,9 +30,10 @@ impl Posterior {
         let square = |a: usize, b: usize| pairs.strength(a, b).powi(2);
         // Maximum likelihood of τ² for small τ²: weights |s|⁴ on z² − 1/|s|². Strengths fall steeply from entry to entry,
         // so the strongest neighbours speak for the weak ones.
-        let excess = smoothed(&pairs.s, &Mat::from_fn(n, n, |a, b| {
-            square(a, b) * (along[(a, b)].powi(2) - 1.0)
-        }));
+        let excess = smoothed(
+            &pairs.s,
+            &Mat::from_fn(n, n, |a, b| square(a, b) * (along[(a, b)].powi(2) - 1.0)),
+        );
         let weight = smoothed(&pairs.s, &Mat::from_fn(n, n, |a, b| square(a, b).powi(2)));
         // The mean of the excess over the 25 scatters by √(2 · weight / 25).
         let scatter = 2.0 / ((2 * REACH + 1) as f64).powi(2);

@@ -12,7 +12,11 @@ pub(super) fn lighting(coefficients: &Coefficients) -> Series {
     for (p, l) in series.coefficients.iter_mut().enumerate() {
         let p = p as i64;
         let ratio = coefficients.get(p, 0) / coefficients.get(0, p).conj();
-        *l = if ratio.is_finite() { ratio } else { Complex64::ZERO };
+        *l = if ratio.is_finite() {
+            ratio
+        } else {
+            Complex64::ZERO
+        };
     }
     series
 }

@@ -3,8 +3,8 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use super::posterior::Posterior;
 use super::pairs::{Pairs, Whitened, constraints};
+use super::posterior::Posterior;
 use crate::error::{Error, Result};
 use crate::fourier::Series;
 
@@ -64,7 +64,12 @@ fn evaluated(whitened: &Whitened, lighting: Series, pairs: Pairs) -> Refined {
 pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
     let prior = prior_information(start);
     let cost = |pairs: &Pairs, lighting: &Series| {
-        let light: f64 = lighting.coefficients.iter().skip(1).map(|c| c.norm_sqr()).sum();
+        let light: f64 = lighting
+            .coefficients
+            .iter()
+            .skip(1)
+            .map(|c| c.norm_sqr())
+            .sum();
         pairs.misfit().0 + prior * light
     };
     let mut at = held(whitened, start)?;
@@ -101,7 +106,12 @@ pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
             let lighting = moved(&at.lighting, &whitened.frequencies, &step);
             let pairs = Pairs::new(whitened, &lighting)?;
             let found = cost(&pairs, &lighting);
-        if std::env::var("TRACE").is_ok() { println!("   step {} size {size:.3} damping {damping} found {found} reached {reached}", at.steps); }
+            if std::env::var("TRACE").is_ok() {
+                println!(
+                    "   step {} size {size:.3} damping {damping} found {found} reached {reached}",
+                    at.steps
+                );
+            }
             if found <= reached + SLACK {
                 next = Some((lighting, pairs, found, size));
                 break;

@@ -91,7 +91,9 @@ pub(super) fn factor(
         Err(Error::failed(format!(
             "the given scale needs a factor of {c}, which is not above 0"
         ))
-        .advice("Check the source's direction, or give another fact: an albedo or a total irradiance."))
+        .advice(
+            "Check the source's direction, or give another fact: an albedo or a total irradiance.",
+        ))
     }
 }
 
@@ -106,7 +108,13 @@ fn source_irradiance(lighting: &Series, band: usize, theta: WorldAngle) -> f64 {
     for k in 0..POINTS {
         let x = reach * (2.0 * k as f64 / (POINTS - 1) as f64 - 1.0);
         let kernel = (0..=band)
-            .map(|p| if p == 0 { 1.0 } else { 2.0 * (p as f64 * x).cos() })
+            .map(|p| {
+                if p == 0 {
+                    1.0
+                } else {
+                    2.0 * (p as f64 * x).cos()
+                }
+            })
             .sum::<f64>()
             / TAU;
         let row = Vector3::new(kernel, 1.0, x);

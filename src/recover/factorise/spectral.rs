@@ -41,8 +41,7 @@ impl Coefficients {
                 (0..half.len())
                     .filter(|&k| spectrum.seen[k])
                     .map(|k| {
-                        (half.step() * half.cosines[k] / TAU).powi(2)
-                            * spectrum.covariance[k].at(p)
+                        (half.step() * half.cosines[k] / TAU).powi(2) * spectrum.covariance[k].at(p)
                     })
                     .sum()
             })
@@ -100,10 +99,7 @@ pub(super) fn solve(coefficients: &Coefficients) -> Result<Start> {
                 coefficients.variance[q.unsigned_abs() as usize],
             );
             let weight = 1.0 / (vp + vq).max(f64::MIN_POSITIVE);
-            let (a, d) = (
-                coefficients.get(p, q),
-                -coefficients.get(q, p).conj(),
-            );
+            let (a, d) = (coefficients.get(p, q), -coefficients.get(q, p).conj());
             // Real and imaginary part as rows in the real unknowns.
             let mut row: Vec<(usize, [f64; 2])> = Vec::with_capacity(4);
             push(&mut row, q, a, true);
@@ -124,12 +120,14 @@ pub(super) fn solve(coefficients: &Coefficients) -> Result<Start> {
         }
     }
     // In units of the noise's own contribution, so that eigenvalues near 1 are noise.
-    let scale: Vec<f64> = noise.iter().map(|n| n.max(f64::MIN_POSITIVE).sqrt()).collect();
+    let scale: Vec<f64> = noise
+        .iter()
+        .map(|n| n.max(f64::MIN_POSITIVE).sqrt())
+        .collect();
     let scaled = Mat::from_fn(size, size, |i, j| matrix[(i, j)] / (scale[i] * scale[j]));
     let eigen = scaled.self_adjoint_eigen(Side::Lower).map_err(|_| {
-        Error::failed("the reciprocity eigenproblem did not converge").advice(
-            "Check the light field for missing or infinite values, or set a smaller band.",
-        )
+        Error::failed("the reciprocity eigenproblem did not converge")
+            .advice("Check the light field for missing or infinite values, or set a smaller band.")
     })?;
     let eigenvalues: Vec<f64> = eigen.S().column_vector().iter().copied().collect();
     // Of the eigenvectors at the noise level the one with the most of L_0 is the light that was there; the
@@ -141,7 +139,8 @@ pub(super) fn solve(coefficients: &Coefficients) -> Result<Start> {
         .unwrap_or(0);
     let vector: Vec<f64> = (0..size).map(|i| eigen.U()[(i, best)] / scale[i]).collect();
     let zero = vector[0];
-    if zero.abs() <= 1e-9 * vector.iter().map(|v| v.abs()).fold(0.0, f64::max) || !zero.is_finite() {
+    if zero.abs() <= 1e-9 * vector.iter().map(|v| v.abs()).fold(0.0, f64::max) || !zero.is_finite()
+    {
         return Err(Error::failed(
             "the factorisation's mean light L_0 came out as zero, so the rest has no scale",
         )
@@ -150,8 +149,7 @@ pub(super) fn solve(coefficients: &Coefficients) -> Result<Start> {
     let mut lighting = Series::zero(order as usize);
     lighting.coefficients[0] = Complex64::ONE;
     for p in 1..=order as usize {
-        lighting.coefficients[p] =
-            Complex64::new(vector[2 * p - 1], vector[2 * p]) / zero;
+        lighting.coefficients[p] = Complex64::new(vector[2 * p - 1], vector[2 * p]) / zero;
     }
     Ok(Start {
         lighting,

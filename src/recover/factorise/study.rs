@@ -142,7 +142,13 @@ impl Light {
 }
 
 /// `clean` with seeded noise of `sigma` per cell, without the columns beyond `cut` degrees.
-pub(super) fn samples(clean: &[f64], grid: Grid, sigma: f64, cut: f64, seed: Option<u64>) -> Samples {
+pub(super) fn samples(
+    clean: &[f64],
+    grid: Grid,
+    sigma: f64,
+    cut: f64,
+    seed: Option<u64>,
+) -> Samples {
     let mut value = clean.to_vec();
     if let Some(seed) = seed {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
@@ -203,18 +209,26 @@ pub(super) fn monte_carlo(
     let found: Vec<_> = (0..draws)
         .map(|d| {
             let s = samples(&clean, grid, sigma, cut, Some(1000 + d));
-            recover(&s, options).expect("a factorisation").channels.remove(0)
+            recover(&s, options)
+                .expect("a factorisation")
+                .channels
+                .remove(0)
         })
         .collect();
     let seconds = begun.elapsed().as_secs_f64() / draws as f64;
     let band = found.iter().map(|c| c.band).min().unwrap_or(0);
     let truth = light.series(band);
-    let bound = cramer_rao(&samples(&clean, grid, sigma, cut, None), 0, &truth, band).expect("bound");
+    let bound =
+        cramer_rao(&samples(&clean, grid, sigma, cut, None), 0, &truth, band).expect("bound");
     let kept: Vec<usize> = (1..=band)
         .filter(|&p| bound[p] < 0.05 && found.iter().all(|c| c.status[p] == Status::Determined))
         .collect();
     let norm = truth.norm().powi(2) / TAU;
-    let mut cell = Cell { band, seconds, ..Cell::default() };
+    let mut cell = Cell {
+        band,
+        seconds,
+        ..Cell::default()
+    };
     let (mut inside, mut count) = (0.0, 0.0);
     for &p in &kept {
         cell.bound += 2.0 * bound[p].powi(2) / norm;
@@ -223,20 +237,32 @@ pub(super) fn monte_carlo(
             let e = c.lighting.coefficients[p] - truth.coefficients[p];
             mean += e / draws as f64;
             cell.rms += 2.0 * e.norm_sqr() / norm / draws as f64;
-            cell.start += 2.0 * (c.start.coefficients[p] - truth.coefficients[p]).norm_sqr() / norm / draws as f64;
-            cell.ratio += 2.0 * (c.ratio.coefficients[p] - truth.coefficients[p]).norm_sqr() / norm / draws as f64;
+            cell.start += 2.0 * (c.start.coefficients[p] - truth.coefficients[p]).norm_sqr()
+                / norm
+                / draws as f64;
+            cell.ratio += 2.0 * (c.ratio.coefficients[p] - truth.coefficients[p]).norm_sqr()
+                / norm
+                / draws as f64;
             cell.spread += 2.0 * c.sigma[p].powi(2) / norm / draws as f64;
             if let Some(i) = c.frequencies.iter().position(|&q| q == p) {
                 let m = 2 * (c.frequencies.len() - 1);
                 for (part, e) in [(2 * i - 2, e.re), (2 * i - 1, e.im)] {
-                    inside += f64::from(e.abs() <= 1.959_964 * c.covariance[part * m + part].sqrt());
+                    inside +=
+                        f64::from(e.abs() <= 1.959_964 * c.covariance[part * m + part].sqrt());
                     count += 1.0;
                 }
             }
         }
         cell.bias += 2.0 * mean.norm_sqr() / norm;
     }
-    for v in [&mut cell.rms, &mut cell.bias, &mut cell.bound, &mut cell.start, &mut cell.ratio, &mut cell.spread] {
+    for v in [
+        &mut cell.rms,
+        &mut cell.bias,
+        &mut cell.bound,
+        &mut cell.start,
+        &mut cell.ratio,
+        &mut cell.spread,
+    ] {
         *v = v.sqrt();
     }
     cell.coverage = inside / count;
@@ -244,12 +270,32 @@ pub(super) fn monte_carlo(
     cell.unsettled = found.iter().filter(|c| !c.converged).count();
     // Coverage of all complex errors, in σ.
     let (mut wi, mut wc) = (0.0, 0.0);
-    for c in &found { for p in 1..=band { if c.sigma[p] < 0.4 && !kept.contains(&p) { wi += f64::from((c.lighting.coefficients[p] - truth.coefficients[p]).norm() <= 1.7308 * c.sigma[p]); wc += 1.0; } } }
+    for c in &found {
+        for p in 1..=band {
+            if c.sigma[p] < 0.4 && !kept.contains(&p) {
+                wi += f64::from(
+                    (c.lighting.coefficients[p] - truth.coefficients[p]).norm()
+                        <= 1.7308 * c.sigma[p],
+                );
+                wc += 1.0;
+            }
+        }
+    }
     let weak: f64 = wi / wc;
     println!(
         "band {band} kept {} | rms {:.2e} bound {:.2e} ratio {:.3} | bias {:.1e} sigma/bound {:.3} coverage {:.3} | start {:.1e} eq29 {:.1e} | misfit {:.3} unsettled {} | {:.0} ms | weak {weak:.3}",
-        kept.len(), cell.rms, cell.bound, cell.rms / cell.bound, cell.bias, cell.spread / cell.bound, cell.coverage,
-        cell.start, cell.ratio, cell.misfit, cell.unsettled, 1e3 * cell.seconds
+        kept.len(),
+        cell.rms,
+        cell.bound,
+        cell.rms / cell.bound,
+        cell.bias,
+        cell.spread / cell.bound,
+        cell.coverage,
+        cell.start,
+        cell.ratio,
+        cell.misfit,
+        cell.unsettled,
+        1e3 * cell.seconds
     );
     cell
 }
@@ -257,19 +303,58 @@ pub(super) fn monte_carlo(
 #[test]
 #[ignore = "minutes"]
 fn explore() {
-    let n: usize = std::env::var("N").ok().and_then(|v| v.parse().ok()).unwrap_or(60);
-    let cut: f64 = std::env::var("CUT").ok().and_then(|v| v.parse().ok()).unwrap_or(90.0);
-    let draws: u64 = std::env::var("DRAWS").ok().and_then(|v| v.parse().ok()).unwrap_or(10);
-    let grid = Grid { normals: 6 * n, locals: n };
-    for (bname, recipe) in [("phong 8", PHONG_8), ("phong 32", PHONG_32), ("phong 128", PHONG_128), ("ggx .1", GGX_01), ("ggx .2", GGX_02), ("ggx .4", GGX_04), ("plastic", PLASTIC), ("velvet", VELVET)] {
-        if std::env::var("B").is_ok_and(|v| !v.split(',').any(|x| x == bname)) { continue; }
+    let n: usize = std::env::var("N")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(60);
+    let cut: f64 = std::env::var("CUT")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(90.0);
+    let draws: u64 = std::env::var("DRAWS")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(10);
+    let grid = Grid {
+        normals: 6 * n,
+        locals: n,
+    };
+    for (bname, recipe) in [
+        ("phong 8", PHONG_8),
+        ("phong 32", PHONG_32),
+        ("phong 128", PHONG_128),
+        ("ggx .1", GGX_01),
+        ("ggx .2", GGX_02),
+        ("ggx .4", GGX_04),
+        ("plastic", PLASTIC),
+        ("velvet", VELVET),
+    ] {
+        if std::env::var("B").is_ok_and(|v| !v.split(',').any(|x| x == bname)) {
+            continue;
+        }
         let b = brdf(recipe);
-        for (lname, light) in [("suns", Light::Real(two_suns())), ("sky", Light::Real(sky_and_sun())), ("random", Light::Limited(random(16, 5)))] {
-            if std::env::var("L").is_ok_and(|v| v != lname) { continue; }
+        for (lname, light) in [
+            ("suns", Light::Real(two_suns())),
+            ("sky", Light::Real(sky_and_sun())),
+            ("random", Light::Limited(random(16, 5))),
+        ] {
+            if std::env::var("L").is_ok_and(|v| v != lname) {
+                continue;
+            }
             for noise in [0.0001, 0.001, 0.01] {
-                if std::env::var("S").is_ok_and(|v| v.parse::<f64>().unwrap_or(0.0) != noise) { continue; }
+                if std::env::var("S").is_ok_and(|v| v.parse::<f64>().unwrap_or(0.0) != noise) {
+                    continue;
+                }
                 print!("{bname} {lname} {noise}: ");
-                monte_carlo(b.as_ref(), &light, grid, noise, cut, draws, &Options::default());
+                monte_carlo(
+                    b.as_ref(),
+                    &light,
+                    grid,
+                    noise,
+                    cut,
+                    draws,
+                    &Options::default(),
+                );
             }
         }
     }
@@ -279,17 +364,33 @@ fn explore() {
 #[test]
 #[ignore = "seconds"]
 fn one_per_cent_noise_leaves_one_per_cent_error_up_to_order_8() {
-    let grid = Grid { normals: 360, locals: 180 };
+    let grid = Grid {
+        normals: 360,
+        locals: 180,
+    };
     for recipe in [PHONG_32, PHONG_128] {
         for light in [Light::Real(two_suns()), Light::Limited(random(16, 7))] {
             let b = brdf(recipe);
             let clean = light.field(b.as_ref(), grid);
             let sigma = 0.01 * clean.iter().copied().fold(0.0, f64::max);
             let begun = std::time::Instant::now();
-            let found = recover(&samples(&clean, grid, sigma, 90.0, Some(3)), &Options::default()).expect("result");
+            let found = recover(
+                &samples(&clean, grid, sigma, 90.0, Some(3)),
+                &Options::default(),
+            )
+            .expect("result");
             let channel = &found.channels[0];
             let truth = light.series(8);
-            println!("{:?} band {} {:.4} start {:.4} eq29 {:.4} misfit {:.3} {:?}", begun.elapsed(), channel.band, error(&channel.lighting, &truth, 8), error(&channel.start, &truth, 8), error(&channel.ratio, &truth, 8), channel.misfit, channel.status);
+            println!(
+                "{:?} band {} {:.4} start {:.4} eq29 {:.4} misfit {:.3} {:?}",
+                begun.elapsed(),
+                channel.band,
+                error(&channel.lighting, &truth, 8),
+                error(&channel.start, &truth, 8),
+                error(&channel.ratio, &truth, 8),
+                channel.misfit,
+                channel.status
+            );
         }
     }
 }
@@ -297,51 +398,113 @@ fn one_per_cent_noise_leaves_one_per_cent_error_up_to_order_8() {
 #[test]
 #[ignore = "seconds"]
 fn a_near_mirror_factorises() {
-    let grid = Grid { normals: 360, locals: 180 };
+    let grid = Grid {
+        normals: 360,
+        locals: 180,
+    };
     let b = brdf("model = 'phong'\ndiffuse = 0\nspecular = 1\nexponent = 2000");
     for light in [Light::Real(two_suns()), Light::Limited(random(16, 7))] {
         let clean = light.field(b.as_ref(), grid);
         let sigma = 0.001 * clean.iter().copied().fold(0.0, f64::max);
         let begun = std::time::Instant::now();
-        let found = recover(&samples(&clean, grid, sigma, 80.0, Some(3)), &Options::default()).expect("result");
+        let found = recover(
+            &samples(&clean, grid, sigma, 80.0, Some(3)),
+            &Options::default(),
+        )
+        .expect("result");
         let channel = &found.channels[0];
         let truth = light.series(16);
-        println!("{:?} band {} {:.5} start {:.4} eq29 {:.4} misfit {:.3} {:?} {:?} eig {:.2?}", begun.elapsed(), channel.band, error(&channel.lighting, &truth, 16), error(&channel.start, &truth, 16), error(&channel.ratio, &truth, 16), channel.misfit, channel.status, channel.components, &channel.eigenvalues[..8]);
+        println!(
+            "{:?} band {} {:.5} start {:.4} eq29 {:.4} misfit {:.3} {:?} {:?} eig {:.2?}",
+            begun.elapsed(),
+            channel.band,
+            error(&channel.lighting, &truth, 16),
+            error(&channel.start, &truth, 16),
+            error(&channel.ratio, &truth, 16),
+            channel.misfit,
+            channel.status,
+            channel.components,
+            &channel.eigenvalues[..8]
+        );
     }
 }
 
 #[test]
 #[ignore = "seconds"]
 fn lambert() {
-    let grid = Grid { normals: 360, locals: 90 };
+    let grid = Grid {
+        normals: 360,
+        locals: 90,
+    };
     let b = brdf("model = 'lambertian'\nalbedo = 0.7");
     for light in [Light::Real(two_suns()), Light::Limited(random(16, 7))] {
         let clean = light.field(b.as_ref(), grid);
         let sigma = 0.001 * clean.iter().copied().fold(0.0, f64::max);
-        let found = recover(&samples(&clean, grid, sigma, 80.0, Some(3)), &Options::default()).expect("result");
+        let found = recover(
+            &samples(&clean, grid, sigma, 80.0, Some(3)),
+            &Options::default(),
+        )
+        .expect("result");
         let channel = &found.channels[0];
         let truth = light.series(channel.band);
-        println!("band {} misfit {:.3} {:?} {:?} eig {:.2?}", channel.band, channel.misfit, channel.status, channel.components, &channel.eigenvalues[..8.min(channel.eigenvalues.len())]);
-        for p in 1..=channel.band { println!("{p}: {:.4} {:.4} sigma {:.4}", channel.lighting.coefficients[p], truth.coefficients[p], channel.sigma[p]); }
+        println!(
+            "band {} misfit {:.3} {:?} {:?} eig {:.2?}",
+            channel.band,
+            channel.misfit,
+            channel.status,
+            channel.components,
+            &channel.eigenvalues[..8.min(channel.eigenvalues.len())]
+        );
+        for p in 1..=channel.band {
+            println!(
+                "{p}: {:.4} {:.4} sigma {:.4}",
+                channel.lighting.coefficients[p], truth.coefficients[p], channel.sigma[p]
+            );
+        }
         println!("{:#?}", found.warnings);
     }
 }
 
 /// 72 views every 5°, all columns of a cylinder seen from afar.
-pub(super) fn views(light: &Light, b: &dyn Brdf, count: usize, locals: usize, cut: f64, noise: f64, skip: impl Fn(f64) -> bool, seed: u64) -> Samples {
-    let grid = Grid { normals: count, locals };
+pub(super) fn views(
+    light: &Light,
+    b: &dyn Brdf,
+    count: usize,
+    locals: usize,
+    cut: f64,
+    noise: f64,
+    skip: impl Fn(f64) -> bool,
+    seed: u64,
+) -> Samples {
+    let grid = Grid {
+        normals: count,
+        locals,
+    };
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-    let order = match light { Light::Real(_) => 0, Light::Limited(s) => s.order() };
+    let order = match light {
+        Light::Real(_) => 0,
+        Light::Limited(s) => s.order(),
+    };
     let mut columns = Vec::new();
     let mut largest: f64 = 0.0;
     for j in 0..locals {
         let local = grid.local(j);
-        if local.deg().abs() > cut { continue; }
+        if local.deg().abs() > cut {
+            continue;
+        }
         let row = crate::brdf::transfer_row(b, local, order);
-        let mut column = crate::light_field::Column { local, alpha: vec![], view: vec![], value: vec![vec![]], variance: vec![vec![]] };
+        let mut column = crate::light_field::Column {
+            local,
+            alpha: vec![],
+            view: vec![],
+            value: vec![vec![]],
+            variance: vec![vec![]],
+        };
         for v in 0..count {
             let orbit = (1.25 + 360.0 / count as f64 * v as f64).to_radians();
-            if skip(orbit) { continue; }
+            if skip(orbit) {
+                continue;
+            }
             let alpha = crate::angle::wrap(orbit - local.rad());
             let value = light.value(b, &row, alpha, local.rad());
             largest = largest.max(value);
@@ -358,7 +521,10 @@ pub(super) fn views(light: &Light, b: &dyn Brdf, count: usize, locals: usize, cu
             c.variance[0].push((noise * largest).powi(2).max(1e-12 * largest * largest));
         }
     }
-    Samples { channels: vec!["Y".into()], columns }
+    Samples {
+        channels: vec!["Y".into()],
+        columns,
+    }
 }
 
 #[test]
@@ -366,15 +532,39 @@ pub(super) fn views(light: &Light, b: &dyn Brdf, count: usize, locals: usize, cu
 fn metal() {
     let b = brdf("model = 'ggx-conductor'\nalpha = 0.2\neta = 0.3749\nk = 2.3857");
     let light = Light::Real(two_suns());
-    for (noise, cut, locals) in [(1e-5, 85.0, 180), (1e-4, 85.0, 180), (1e-3, 85.0, 180), (1e-4, 80.0, 180), (1e-4, 75.0, 180), (1e-4, 85.0, 90), (1e-4, 85.0, 60)] {
+    for (noise, cut, locals) in [
+        (1e-5, 85.0, 180),
+        (1e-4, 85.0, 180),
+        (1e-3, 85.0, 180),
+        (1e-4, 80.0, 180),
+        (1e-4, 75.0, 180),
+        (1e-4, 85.0, 90),
+        (1e-4, 85.0, 60),
+    ] {
         let begun = std::time::Instant::now();
         let s = views(&light, b.as_ref(), 72, locals, cut, noise, |_| false, 5);
         let made = begun.elapsed();
         let found = recover(&s, &Options::default()).expect("result");
         let c = &found.channels[0];
         let truth = light.series(12);
-        println!("noise {noise} cut {cut} locals {locals} {:?} resolved {} band {} error {:.5} start {:.4} eq29 {:.4} misfit {:.3} settled {} ", begun.elapsed() - made, c.resolved, c.band, error(&c.lighting, &truth, 12), error(&c.start, &truth, 12), error(&c.ratio, &truth, 12), c.misfit, c.converged);
-        for p in 1..=12 { print!("{p}:{:.4}/{:.4} ", (c.lighting.coefficients[p] - truth.coefficients[p]).norm(), c.sigma[p]); }
+        println!(
+            "noise {noise} cut {cut} locals {locals} {:?} resolved {} band {} error {:.5} start {:.4} eq29 {:.4} misfit {:.3} settled {} ",
+            begun.elapsed() - made,
+            c.resolved,
+            c.band,
+            error(&c.lighting, &truth, 12),
+            error(&c.start, &truth, 12),
+            error(&c.ratio, &truth, 12),
+            c.misfit,
+            c.converged
+        );
+        for p in 1..=12 {
+            print!(
+                "{p}:{:.4}/{:.4} ",
+                (c.lighting.coefficients[p] - truth.coefficients[p]).norm(),
+                c.sigma[p]
+            );
+        }
         println!();
     }
 }
