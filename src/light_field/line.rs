@@ -34,8 +34,8 @@ pub struct ViewSample {
     pub value: f64,
     /// Variance by the pixels' noise.
     pub variance: f64,
-    /// Variance by the error of the geometry.
-    pub geometric: f64,
+    /// dB/dθo′ along the view's line, per radian.
+    pub slope: f64,
     /// Number of pixels behind it.
     pub pixels: f32,
 }
@@ -152,12 +152,11 @@ impl MeasuredLine {
                         }
                         let point = geometry.trace(local.rad())?;
                         let found = sample(&stations, &footprints, c, local.rad(), bin)?;
-                        let sigma = geometry.sigma_alpha(local.rad());
                         Some(ViewSample {
                             alpha: wrap(orbit.rad() + point.alpha),
                             value: found.value,
                             variance: found.variance * found.shared,
-                            geometric: (found.slope * sigma).powi(2),
+                            slope: found.slope,
                             pixels: found.pixels as f32,
                         })
                     })

@@ -12,5 +12,5 @@ pub use field::LightField;
 pub use file::{Part, encode};
 pub use gridding::grid;
 pub use line::{MeasuredLine, ViewSample, automatic_limb_cut};
-pub use samples::{Column, Samples, gather};
+pub use samples::{Column, Gathered, Samples, Systematic, gather};
 pub use strip::Station;

@@ -101,7 +101,8 @@ impl Task<'_> {
             regularisation: recipe.recovery.regularisation,
             non_negative: recipe.recovery.non_negative,
         };
-        let estimate = lighting::recover(samples, &material, &options)?;
+        let estimate =
+            lighting::recover_with(samples, &self.measured.systematics, &material, &options)?;
         clock.lap("lighting");
         let on_grid = lighting::predict(&estimate, &material, &self.measured.field.samples());
         let on_samples = lighting::predict(&estimate, &material, samples);

@@ -11,10 +11,11 @@ use super::run::{Preview, ViewRecord};
 use crate::capture::{Capture, Projection, Shape};
 use crate::error::{Error, Result};
 use crate::geometry::outline::{self, Outline, Search};
-use crate::geometry::{CameraModel, Pose, Side, ViewGeometry, settle};
+use crate::geometry::{CameraModel, Pose, Settled, Side, ViewGeometry, settle};
 use crate::grid::Grid;
 use crate::light_field::{
-    LightField, MeasuredLine, Samples, ViewSample, automatic_limb_cut, gather, grid,
+    Gathered, LightField, MeasuredLine, Samples, Systematic, ViewSample, automatic_limb_cut,
+    gather, grid,
 };
 use crate::radiance::{self, Radiance};
 
@@ -29,6 +30,9 @@ const REACHES: [f64; 12] = [
 const ELEVATION: (f64, f64) = (0.026, 0.05);
 /// Change, relative to the largest radiance, that averaging more rows may make beyond the noise.
 const ROWS_BIAS: f64 = 1e-4;
+/// Error of both limbs' positions (pixels) that photos of one object share, however many they are: the brightness just
+/// inside the limb is not what the edge's model assumes. It shifts nothing, but changes the apparent radius.
+const LIMB_ERROR_PX: f64 = 0.03;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
 const PREVIEWS: usize = 4;
@@ -38,6 +42,8 @@ const PREVIEWS: usize = 4;
 pub struct Measured {
     /// Samples at exact positions, for the recoveries.
     pub samples: Samples,
+    /// Errors of the geometry that all samples have in common.
+    pub systematics: Vec<Systematic>,
     /// The same on the grid, for people and files.
     pub field: LightField,
     /// |θo′| beyond which nothing was used, radians.
@@ -105,7 +111,8 @@ pub fn measure(
 
     progress.stage("light field", capture.views.len());
     let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
-    let poses = settle(&outlines, capture)?.poses;
+    let settled = settle(&outlines, capture)?;
+    let poses = &settled.poses;
     let limb_cut = match options.limb_cut_deg {
         Some(degrees) => degrees.to_radians(),
         None => automatic_limb_cut(&nominal(0)),
@@ -130,8 +137,17 @@ pub fn measure(
                 .samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
         })
         .collect();
-    let (samples, pixels) = gather(channels, &locals, &views);
+    let outline_sigma: Vec<f64> = poses
+        .iter()
+        .map(|p| p.sigma_lateral / capture.object.radius)
+        .collect();
+    let Gathered {
+        samples,
+        pixels,
+        slopes,
+    } = gather(channels, &locals, &views, &outline_sigma);
     let field = grid(&samples, cells, &pixels);
+    let systematics = systematics(&settled, capture, &geometries[0], &samples, &slopes);
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
@@ -144,8 +160,9 @@ pub fn measure(
         })
         .collect();
     Ok(Measured {
-        warnings: warnings(capture, &outlines, &poses, &samples),
+        warnings: warnings(capture, &outlines, poses, &samples),
         samples,
+        systematics,
         field,
         limb_cut,
         reach,
@@ -305,6 +322,60 @@ fn half_width(geometry: &ViewGeometry) -> f64 {
 
 fn px_per_metre(geometry: &ViewGeometry) -> f64 {
     half_width(geometry) / geometry.radius()
+}
+
+/// The errors of the outline that all views share: where the object stands, and how large it looks. A
+/// shift by δ turns the normal seen in a pixel by δ/(R cos θo′), a radius wrong by the factor 1 + s by
+/// s tan θo′.
+fn systematics(
+    settled: &Settled,
+    capture: &Capture,
+    geometry: &ViewGeometry,
+    samples: &Samples,
+    slopes: &[Vec<Vec<f64>>],
+) -> Vec<Systematic> {
+    let radius = capture.object.radius;
+    let [x, y] = settled.sigma_displacement.map(|sigma| sigma / radius);
+    let constant = settled.sigma_constant / radius;
+    let scale = settled
+        .sigma_radius_scale
+        .max(LIMB_ERROR_PX / half_width(geometry));
+    let build = |name: &str, turn: &dyn Fn(f64, f64) -> f64| Systematic {
+        name: name.into(),
+        change: slopes
+            .iter()
+            .map(|columns| {
+                columns
+                    .iter()
+                    .zip(&samples.columns)
+                    .map(|(slopes, column)| {
+                        slopes
+                            .iter()
+                            .zip(&column.view)
+                            .map(|(slope, &view)| {
+                                let orbit = capture.views[view as usize].orbit.rad();
+                                slope * turn(column.local.rad(), orbit)
+                            })
+                            .collect()
+                    })
+                    .collect()
+            })
+            .collect(),
+    };
+    vec![
+        build("shift of the outline in all views", &|local, _| {
+            constant / local.cos()
+        }),
+        build(
+            "displacement of the object along the reference axis",
+            &|local, orbit| -x * orbit.sin() / local.cos(),
+        ),
+        build(
+            "displacement of the object across the reference axis",
+            &|local, orbit| y * orbit.cos() / local.cos(),
+        ),
+        build("apparent radius", &|local, _| scale * local.tan()),
+    ]
 }
 
 fn warnings(

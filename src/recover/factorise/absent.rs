@@ -9,13 +9,16 @@ use super::pairs::{Whitened, rows_of};
 use super::refine::Refined;
 
 /// L_p and the variance of its real part for a frequency that is not part of the fit, by regression of B_p on the
-/// H_p(θo′) that the fitted ρ̃ gives it; `None` if that H_p is no more than noise, so that p is invisible.
+/// H_p(θo′) that the fitted ρ̃ gives it; `None` if that H_p is no more than its own uncertainty, so that p is invisible.
+/// `changes` of Z by the lighting's uncertainty count into that: a Lambertian surface's odd H_p are differences of
+/// even ones.
 pub(super) fn lighting(
     frequency: usize,
     refined: &Refined,
     whitened: &Whitened,
     spectrum: &Spectrum,
     half: &HalfCircle,
+    changes: &[Mat<f64>],
 ) -> Option<(Complex64, f64)> {
     let (pairs, posterior) = (&refined.pairs, &refined.posterior);
     let n = half.len();
@@ -29,7 +32,15 @@ pub(super) fn lighting(
     let in_basis = &exponentials * &pairs.u;
     let response = &in_basis * &posterior.mean;
     let squares = Mat::from_fn(rows.len(), n, |i, a| in_basis[(i, a)].powi(2));
-    let scatter = &squares * &posterior.variance;
+    let mut scatter = &squares * &posterior.variance;
+    for change in changes {
+        let moved = &in_basis * change;
+        for b in 0..n {
+            for i in 0..rows.len() {
+                scatter[(i, b)] += moved[(i, b)].powi(2);
+            }
+        }
+    }
     let data = Mat::from_fn(rows.len(), n, |i, k| {
         whitened.precision[k].sqrt() * spectrum.values[(rows[i], k)]
     }) * &pairs.u;

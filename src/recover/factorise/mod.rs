@@ -143,10 +143,12 @@ pub struct Channel {
     pub status: Vec<Status>,
     /// Covariance of (Re L_p, Im L_p) over `frequencies` without the first, row-major.
     pub covariance: Vec<f64>,
-    /// The frequencies that show in the light field, the first 0.
+    /// The frequencies up to `band` that show in the light field, the first 0.
     pub frequencies: Vec<usize>,
-    /// Largest frequency that shows in the light field.
+    /// Largest frequency that is recovered.
     pub band: usize,
+    /// Largest frequency that shows in the light field above its noise.
+    pub visible_band: usize,
     /// Largest frequency that the views resolve.
     pub resolved: usize,
     /// ρ(θi′, θo′), sr⁻¹, at the nodes, N × N, symmetric, at the resolution of the light's band.
@@ -257,7 +259,7 @@ fn fit(
         let refined = refine::refine(&stage, &lighting)?;
         let mut lighting = refined.lighting.clone();
         for &p in &frequencies[first..] {
-            if let Some((l, _)) = absent::lighting(p, &refined, &stage, spectrum, half) {
+            if let Some((l, _)) = absent::lighting(p, &refined, &stage, spectrum, half, &[]) {
                 lighting.coefficients[p] = l;
             }
         }
@@ -308,19 +310,32 @@ fn recover_channel(
     let mut spectrum = Spectrum::fit(samples, channel, half, resolved)?;
     spectrum.add_folded_variance(order);
     let spectrum = spectrum.truncated(order);
-    let frequencies = visible(&spectrum);
-    let band = frequencies.last().copied().unwrap_or(0);
-    if band == 0 {
+    let mut frequencies = visible(&spectrum);
+    let visible_band = frequencies.last().copied().unwrap_or(0);
+    if visible_band == 0 {
         return Err(Error::input(
             "the light field does not change with the normal: only uniform light, or none, is seen, and it tells \
              nothing about the lighting's shape",
         )
         .advice("Use light from few directions."));
     }
-    let spectrum = spectrum.truncated(band);
+    // The largest band at which the refinement settles: beyond it the weakest frequencies drag the others along.
+    let (spectrum, whitened, start, refined) = loop {
+        let band = frequencies.last().copied().unwrap_or(0);
+        let cut = spectrum.truncated(band);
+        let (start, refined) = fit(&cut, half, &frequencies, options)?;
+        if refined.converged || frequencies.len() <= FIRST_STAGE {
+            break (
+                cut.clone(),
+                Whitened::new(&cut, half, &frequencies),
+                start,
+                refined,
+            );
+        }
+        frequencies.truncate((frequencies.len() * 3).div_ceil(4));
+    };
+    let band = spectrum.order;
     let coefficients = Coefficients::new(&spectrum, half);
-    let whitened = Whitened::new(&spectrum, half, &frequencies);
-    let (start, refined) = fit(&spectrum, half, &frequencies, options)?;
     let covariance = uncertainty::covariance(&refined, &whitened, &spectrum)?;
     let (sum, count) = refined.pairs.misfit();
     let misfit = sum / (count as f64 - covariance.nrows() as f64).max(1.0);
@@ -332,6 +347,8 @@ fn recover_channel(
     };
     let covariance = covariance * faer::Scale(excess);
 
+    let changes = slice::lighting_changes(&refined, &whitened, &covariance);
+
     let mut lighting = refined.lighting.clone();
     // √(var Re + var Im) of the prior where nothing is known.
     let mut sigma = vec![1.0; band + 1];
@@ -340,7 +357,9 @@ fn recover_channel(
         sigma[p] = (covariance[(2 * i - 2, 2 * i - 2)] + covariance[(2 * i - 1, 2 * i - 1)]).sqrt();
     }
     for p in (1..=band).filter(|p| !frequencies.contains(p)) {
-        if let Some((l, variance)) = absent::lighting(p, &refined, &whitened, &spectrum, half) {
+        if let Some((l, variance)) =
+            absent::lighting(p, &refined, &whitened, &spectrum, half, &changes)
+        {
             lighting.coefficients[p] = l;
             sigma[p] = (2.0 * variance * excess).sqrt();
         }
@@ -358,9 +377,8 @@ fn recover_channel(
             *l = Complex64::ZERO;
         }
     }
-    let slice = slice::slice(&refined, &whitened, half, &covariance);
+    let slice = slice::slice(&refined, &whitened, half, &changes);
     let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
-    let n = half.len();
     let row_major = |m: &faer::Mat<f64>, by: f64| -> Vec<f64> {
         (0..m.nrows())
             .flat_map(|i| (0..m.ncols()).map(move |j| (i, j)))
@@ -370,7 +388,6 @@ fn recover_channel(
     let scaled = |s: &Series| Series {
         coefficients: s.coefficients.iter().map(|c| c * factor).collect(),
     };
-    debug_assert_eq!(slice.value.nrows(), n);
     Ok(Channel {
         name: samples.channels[channel].clone(),
         lighting: scaled(&lighting),
@@ -380,6 +397,7 @@ fn recover_channel(
         components: gauge::components(&coefficients, &frequencies),
         frequencies,
         band,
+        visible_band,
         resolved,
         brdf: row_major(&slice.value, 1.0 / factor),
         brdf_sigma: row_major(&slice.sigma, 1.0 / factor),
@@ -434,6 +452,12 @@ fn warnings(channel: &Channel) -> Vec<String> {
             "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by \
              that. Light from out of the plane, a texture, or too small a noise estimate would do this.",
             channel.misfit.sqrt()
+        ));
+    }
+    if channel.band < channel.visible_band {
+        said.push(format!(
+            "Channel {name}: frequencies above {} show in the light field (up to {}), too weakly to be recovered.",
+            channel.band, channel.visible_band
         ));
     }
     if !channel.converged {

@@ -151,19 +151,19 @@ impl Pairs {
     }
 
     /// What the data say along the model: |s| z_ab plus noise of unit variance; N × N, symmetric. Zero
-    /// where neither side sees the unknown.
-    pub fn along(&self) -> Mat<f64> {
+    /// where neither side sees the unknown. `entries` as in [`across`](Self::across).
+    pub fn along(&self, entries: &Mat<f64>) -> Mat<f64> {
         let (m, n) = (self.rows(), self.nodes());
         let mut y = Mat::zeros(n, n);
         for a in 0..m.min(n) {
-            y[(a, a)] = self.data[(a, a)];
+            y[(a, a)] = entries[(a, a)];
             for b in 0..a {
                 let (ca, cb, _) = self.gain(a, b);
-                y[(a, b)] = ca * self.data[(a, b)] + cb * self.data[(b, a)];
+                y[(a, b)] = ca * entries[(a, b)] + cb * entries[(b, a)];
                 y[(b, a)] = y[(a, b)];
             }
             for b in m.min(n)..n {
-                y[(a, b)] = self.data[(a, b)];
+                y[(a, b)] = entries[(a, b)];
                 y[(b, a)] = y[(a, b)];
             }
         }

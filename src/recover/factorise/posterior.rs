@@ -26,7 +26,7 @@ impl Posterior {
     /// From the data along the model.
     pub fn new(pairs: &Pairs) -> Self {
         let n = pairs.nodes();
-        let along = pairs.along();
+        let along = pairs.along(&pairs.data);
         let square = |a: usize, b: usize| pairs.strength(a, b).powi(2);
         // Maximum likelihood of τ² for small τ²: weights |s|⁴ on z² − 1/|s|². Strengths fall steeply from entry to entry,
         // so the strongest neighbours speak for the weak ones.

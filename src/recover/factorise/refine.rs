@@ -106,12 +106,6 @@ pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
             let lighting = moved(&at.lighting, &whitened.frequencies, &step);
             let pairs = Pairs::new(whitened, &lighting)?;
             let found = cost(&pairs, &lighting);
-            if std::env::var("TRACE").is_ok() {
-                println!(
-                    "   step {} size {size:.3} damping {damping} found {found} reached {reached}",
-                    at.steps
-                );
-            }
             if found <= reached + SLACK {
                 next = Some((lighting, pairs, found, size));
                 break;

@@ -20,17 +20,24 @@ pub(super) struct Slice {
     pub sigma: Mat<f64>,
 }
 
-/// The slice at the refined lighting with L_0 = 1; `covariance` is that of the lighting.
+/// The slice at the refined lighting with L_0 = 1; `changes` are those of [`lighting_changes`].
 pub(super) fn slice(
     refined: &Refined,
     whitened: &Whitened,
     half: &HalfCircle,
-    covariance: &Mat<f64>,
+    changes: &[Mat<f64>],
 ) -> Slice {
     let pairs = &refined.pairs;
     let y = non_negative(&refined.posterior, pairs);
     let mut variance = own_variance(&refined.posterior, pairs);
-    add_lighting_variance(&mut variance, refined, whitened, covariance);
+    for change in changes {
+        let y = &pairs.u * change * pairs.u.transpose();
+        for j in 0..half.len() {
+            for k in 0..half.len() {
+                variance[(k, j)] += y[(k, j)].powi(2);
+            }
+        }
+    }
     // Y = D^½ ρ̃ D^½ and ρ̃ = ρ cos cos.
     let scale = |k: usize, j: usize| {
         1.0 / (whitened.root[k] * whitened.root[j] * half.cosines[k] * half.cosines[j])
@@ -100,48 +107,47 @@ fn own_variance(posterior: &Posterior, pairs: &Pairs) -> Mat<f64> {
     variance
 }
 
-/// Adds what the lighting's own uncertainty does to Y, one principal direction of its covariance at a time: with
-/// A′ → A′ + T the data along the model are explained by z − y∥(T Z) / |s|.
-fn add_lighting_variance(
-    variance: &mut Mat<f64>,
+/// What the lighting's own uncertainty does to Z: its change along each principal direction of the lighting's
+/// `covariance`, one σ long. With A′ → A′ + T the data along the model are explained by z − y∥(T Z) / |s|.
+///
+/// Directions below a thousandth of the largest σ are left out.
+pub(super) fn lighting_changes(
     refined: &Refined,
     whitened: &Whitened,
     covariance: &Mat<f64>,
-) {
+) -> Vec<Mat<f64>> {
     let pairs = &refined.pairs;
     let (m, n) = (pairs.rows(), pairs.nodes());
     let Ok(eigen) = covariance.self_adjoint_eigen(faer::Side::Lower) else {
-        return;
+        return Vec::new();
     };
     let response = &whitened.exponentials * &pairs.u * &refined.posterior.mean;
-    let u = &pairs.u;
-    for direction in 0..covariance.nrows() {
-        let length = eigen.S().column_vector()[direction].max(0.0).sqrt();
-        let mut rows = Mat::<f64>::zeros(m, n);
-        for b in 0..n {
-            for i in 1..=(m - 1) / 2 {
-                let re = length * eigen.U()[(2 * i - 2, direction)];
-                let im = length * eigen.U()[(2 * i - 1, direction)];
-                let (x, y) = (response[(2 * i - 1, b)], response[(2 * i, b)]);
-                rows[(2 * i - 1, b)] = re * x - im * y;
-                rows[(2 * i, b)] = re * y + im * x;
+    let lengths: Vec<f64> = eigen
+        .S()
+        .column_vector()
+        .iter()
+        .map(|v| v.max(0.0).sqrt())
+        .collect();
+    let longest = lengths.iter().copied().fold(0.0, f64::max);
+    (0..lengths.len())
+        .filter(|&direction| lengths[direction] > 1e-3 * longest)
+        .map(|direction| {
+            let mut rows = Mat::<f64>::zeros(m, n);
+            for b in 0..n {
+                for i in 1..=(m - 1) / 2 {
+                    let re = lengths[direction] * eigen.U()[(2 * i - 2, direction)];
+                    let im = lengths[direction] * eigen.U()[(2 * i - 1, direction)];
+                    let (x, y) = (response[(2 * i - 1, b)], response[(2 * i, b)]);
+                    rows[(2 * i - 1, b)] = re * x - im * y;
+                    rows[(2 * i, b)] = re * y + im * x;
+                }
             }
-        }
-        let changed = Pairs {
-            data: pairs.q.transpose() * rows,
-            ..pairs.clone()
-        };
-        let along = changed.along();
-        let z = Mat::from_fn(n, n, |a, b| {
-            let strength = pairs.strength(a, b);
-            // τ²|s| / (1 + τ²|s|²) = variance · |s|.
-            refined.posterior.variance[(a, b)] * strength * along[(a, b)]
-        });
-        let y = u * z * u.transpose();
-        for j in 0..n {
-            for k in 0..n {
-                variance[(k, j)] += y[(k, j)].powi(2);
-            }
-        }
-    }
+            let along = pairs.along(&(pairs.q.transpose() * rows));
+            Mat::from_fn(n, n, |a, b| {
+                let strength = pairs.strength(a, b);
+                // τ²|s| / (1 + τ²|s|²) = variance · |s|.
+                refined.posterior.variance[(a, b)] * strength * along[(a, b)]
+            })
+        })
+        .collect()
 }

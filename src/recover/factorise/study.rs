@@ -461,6 +461,23 @@ fn lambert() {
                 channel.lighting.coefficients[p], truth.coefficients[p], channel.sigma[p]
             );
         }
+        let half = super::columns::half_circle(&samples(&clean, grid, sigma, 80.0, None)).unwrap();
+        let sp = super::columns::Spectrum::fit(
+            &samples(&clean, grid, sigma, 80.0, None),
+            0,
+            &half,
+            channel.band,
+        )
+        .unwrap();
+        let cov = super::uncertainty::bound(&sp, &half, &truth, &channel.frequencies).unwrap();
+        for (i, p) in channel.frequencies.iter().enumerate().skip(1) {
+            print!(
+                "{p} bound {:.4} sigma {:.4} err {:.4}; ",
+                (cov[(2 * i - 2, 2 * i - 2)] + cov[(2 * i - 1, 2 * i - 1)]).sqrt(),
+                channel.sigma[*p],
+                (channel.lighting.coefficients[*p] - truth.coefficients[*p]).norm()
+            );
+        }
         println!("{:#?}", found.warnings);
     }
 }

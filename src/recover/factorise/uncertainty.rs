@@ -23,15 +23,95 @@ pub(super) fn inverse_information(jacobian: &Mat<f64>, prior: f64) -> Result<Mat
         .solve(Mat::<f64>::identity(size, size)))
 }
 
+/// What the noise in Ẑ adds to ĴᵀĴ: N_kl = E[noise of J_k · noise of J_l] for z_ab with the variance (κ/|s|)² of their
+/// shrunk estimates.
+fn noise_information(refined: &Refined, whitened: &Whitened) -> Mat<f64> {
+    let pairs = &refined.pairs;
+    let (m, n) = (pairs.rows(), pairs.nodes());
+    let in_basis = &whitened.exponentials * &pairs.u;
+    // κ = variance · |s|².
+    let scatter = Mat::from_fn(n, n, |a, b| {
+        (refined.posterior.variance[(a, b)] * pairs.strength(a, b)).powi(2)
+    });
+    // Parameter k reads rows of Q and rows of the response: (row of Q, row of E, sign).
+    let reads = |k: usize| {
+        let (re, im) = (2 * (k / 2) + 1, 2 * (k / 2) + 2);
+        if k % 2 == 0 {
+            [(re, re, 1.0), (im, im, 1.0)]
+        } else {
+            [(re, im, -1.0), (im, re, 1.0)]
+        }
+    };
+    let mut noise = Mat::<f64>::zeros(m - 1, m - 1);
+    for b in 0..m.min(n) {
+        let response = Mat::from_fn(m, n, |i, c| in_basis[(i, c)] * scatter[(c, b)].sqrt());
+        let covariance = &response * response.transpose();
+        // (a, b) enters as c_b X_ab in its own constraint, whichever of the two indices is the larger.
+        let turned = Mat::from_fn(m, m, |i, a| {
+            let share = if a == b { 0.0 } else { pairs.gain(a, b).1 };
+            share * pairs.q[(i, a)]
+        });
+        let weight = &turned * turned.transpose();
+        for k in 0..m - 1 {
+            for l in 0..=k {
+                let mut sum = 0.0;
+                for (q, e, sign) in reads(k) {
+                    for (other_q, other_e, other_sign) in reads(l) {
+                        sum += sign * other_sign * weight[(q, other_q)] * covariance[(e, other_e)];
+                    }
+                }
+                noise[(k, l)] += sum;
+                if k != l {
+                    noise[(l, k)] += sum;
+                }
+            }
+        }
+    }
+    noise
+}
+
 /// Covariance of (Re L_p, Im L_p, …) without L_0: that of the fit with its prior, and where the columns' noise is
 /// not white, the real noise carried through the estimator's linear map.
+///
+/// The score Ĵᵀ y⊥ has variance ĴᵀĴ, but its slope is Ĵᵀ J = ĴᵀĴ − N, since the noise in Ĵ finds no echo in y⊥. In
+/// the principal directions of the two, of reliability r = slope / variance, the information is r² of what ĴᵀĴ claims.
 pub(super) fn covariance(
     refined: &Refined,
     whitened: &Whitened,
     spectrum: &Spectrum,
 ) -> Result<Mat<f64>> {
+    let fault = || Error::failed("the information matrix of the lighting could not be decomposed");
     let prior = prior_information(&refined.lighting);
-    let inverse = inverse_information(&refined.jacobian, prior)?;
+    let mut variance = refined.jacobian.transpose() * &refined.jacobian;
+    let size = variance.nrows();
+    for i in 0..size {
+        variance[(i, i)] += prior;
+    }
+    let slope = &variance - noise_information(refined, whitened);
+    let factor = variance.llt(Side::Lower).map_err(|_| fault())?;
+    let root = factor.L().to_owned();
+    let mut half_way = slope;
+    root.solve_lower_triangular_in_place(&mut half_way);
+    let mut ratio = half_way.transpose().to_owned();
+    root.solve_lower_triangular_in_place(&mut ratio);
+    let eigen = ratio.self_adjoint_eigen(Side::Lower).map_err(|_| fault())?;
+    let reliability: Vec<f64> = eigen
+        .S()
+        .column_vector()
+        .iter()
+        .map(|r| r.clamp(0.0, 1.0))
+        .collect();
+    let frame = &root * eigen.U();
+    let trusted = Mat::from_fn(size, size, |i, d| frame[(i, d)] * reliability[d]);
+    let information = &trusted * trusted.transpose();
+    let mut regular = information;
+    for i in 0..size {
+        regular[(i, i)] += prior;
+    }
+    let inverse = regular
+        .llt(Side::Lower)
+        .map_err(|_| fault())?
+        .solve(Mat::<f64>::identity(size, size));
     let white = spectrum
         .covariance
         .iter()
@@ -39,8 +119,12 @@ pub(super) fn covariance(
     if white {
         return Ok(inverse);
     }
+    // The score's trusted part: L V r Vᵀ L⁻¹ Ĵᵀ.
+    let mut score = refined.jacobian.transpose().to_owned();
+    root.solve_lower_triangular_in_place(&mut score);
+    let score = &trusted * (eigen.U().transpose() * score);
     // δ = W r, r linear in B′: its influence on column k of B, then Σ_k (influence) C_k (influence)ᵀ.
-    let map = &inverse * refined.jacobian.transpose();
+    let map = &inverse * score;
     let pairs = &refined.pairs;
     let (m, n) = (pairs.rows(), pairs.nodes());
     let influence: Vec<Mat<f64>> = (0..map.nrows())
@@ -88,7 +172,7 @@ pub(super) fn bound(
 ) -> Result<Mat<f64>> {
     let whitened = Whitened::new(clean, half, frequencies);
     let pairs = Pairs::new(&whitened, truth)?;
-    let along = pairs.along();
+    let along = pairs.along(&pairs.data);
     let floor = 1e-12 * pairs.s[0];
     let unknown = Mat::from_fn(along.nrows(), along.ncols(), |a, b| {
         let strength = pairs.strength(a, b);

@@ -22,8 +22,11 @@ use crate::recover::normal::NormalSystem;
 const MOST_SOURCES: usize = 12;
 /// Gain in log evidence at which a further source is believed (odds of 400 to 1).
 const BELIEF: f64 = 6.0;
-/// Weighted rms, relative to the largest sample, up to which a misfit may be the model's.
-const MODEL_ERROR: f64 = 3e-4;
+/// Standard deviation, relative to the largest sample, below which no sample is trusted: BRDF, geometry and
+/// planarity of the light are not known better, and their errors are not independent between samples.
+const MODEL_ERROR: f64 = 1e-4;
+/// Weighted rms, relative to the largest sample, up to which a misfit may pass for a split source.
+const SPLIT_ERROR: f64 = 3e-4;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
 /// Gauss–Newton steps under one prior, at the most.
@@ -44,7 +47,10 @@ pub struct Channel<'a> {
     pub system: NormalSystem,
     /// L_0, W m⁻² rad⁻¹, roughly.
     pub mean_light: f64,
-    /// κ ≥ 1: by how much the samples scatter more than their variances say.
+    /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
+    pub systematics: Vec<Vec<Vec<f64>>>,
+    /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
+    /// their weighted mean variance that of [`MODEL_ERROR`].
     pub noise_scale: f64,
 }
 
@@ -52,9 +58,11 @@ impl<'a> Channel<'a> {
     /// Measures the noise scale on the fit under the weakest prior.
     pub fn new(
         name: String,
+        samples: &Samples,
         index: usize,
         brdf: &'a dyn Brdf,
         system: NormalSystem,
+        systematics: Vec<Vec<Vec<f64>>>,
         mean_light: f64,
     ) -> Result<Self> {
         let mut channel = Self {
@@ -63,30 +71,74 @@ impl<'a> Channel<'a> {
             brdf,
             system,
             mean_light,
+            systematics,
             noise_scale: 1.0,
         };
-        let system = &channel.system;
-        let problem = channel.problem();
+        let equations = channel.equations(samples, &[]);
+        let problem = channel.problem(&equations, 0);
         let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
-        let residual = problem.residual(system.square, &x);
-        let freedom = system.count.saturating_sub(x.len()).max(1);
-        channel.noise_scale = (residual / freedom as f64).max(1.0);
+        let residual = problem.residual(channel.system.square, &x);
+        let freedom = channel.system.count.saturating_sub(x.len()).max(1);
+        let floor = (channel.system.largest * MODEL_ERROR).powi(2) * channel.system.weight
+            / channel.system.count as f64;
+        channel.noise_scale = (residual / freedom as f64).max(floor).max(1.0);
         Ok(channel)
     }
 
-    fn problem(&self) -> Problem<'_> {
+    /// Posterior of the smooth light and the systematic errors under the weakest prior.
+    pub fn weak_posterior(&self, samples: &Samples) -> Result<Posterior> {
+        let equations = self.equations(samples, &[]);
+        self.problem(&equations, 0)
+            .posterior(&SpectralPrior::flat(self.mean_light))
+    }
+
+    fn problem<'b>(&self, equations: &'b (Mat<f64>, Vec<f64>), sources: usize) -> Problem<'b> {
+        let coefficients = self.system.vector.len();
         Problem {
-            matrix: &self.system.matrix,
-            vector: &self.system.vector,
-            coefficients: self.system.vector.len(),
+            matrix: &equations.0,
+            vector: &equations.1,
+            coefficients,
+            systematics: equations.1.len() - coefficients - sources,
             noise_scale: self.noise_scale,
         }
     }
 
-    /// Posterior of the smooth light alone under the weakest prior.
-    pub fn weak_posterior(&self) -> Result<Posterior> {
-        self.problem()
-            .posterior(&SpectralPrior::flat(self.mean_light))
+    /// Normal equations of coefficients, irradiances of unit responses `sources`, and systematic errors.
+    fn equations(&self, samples: &Samples, sources: &[Vec<Vec<f64>>]) -> (Mat<f64>, Vec<f64>) {
+        let n = self.system.vector.len();
+        let extra: Vec<&Vec<Vec<f64>>> = sources.iter().chain(&self.systematics).collect();
+        let size = n + extra.len();
+        let mut matrix = Mat::from_fn(size, size, |i, j| {
+            if i < n && j < n {
+                self.system.matrix[(i, j)]
+            } else {
+                0.0
+            }
+        });
+        let mut vector = self.system.vector.clone();
+        let values = self.values(samples);
+        for (s, response) in extra.iter().enumerate() {
+            let cross = self.system.project(samples, self.index, response);
+            for (i, c) in cross.iter().enumerate() {
+                matrix[(i, n + s)] = *c;
+                matrix[(n + s, i)] = *c;
+            }
+            for (t, other) in extra.iter().enumerate().take(s + 1) {
+                let product = weighted_product(samples, self.index, response, other);
+                matrix[(n + s, n + t)] = product;
+                matrix[(n + t, n + s)] = product;
+            }
+            vector.push(weighted_product(samples, self.index, response, &values));
+        }
+        (matrix, vector)
+    }
+
+    fn values(&self, samples: &Samples) -> Vec<Vec<f64>> {
+        samples
+            .columns
+            .iter()
+            .map(|c| c.value[self.index].clone())
+            .collect()
     }
 }
 
@@ -99,7 +151,7 @@ enum Strength {
     Held(SpectralPrior),
 }
 
-/// The fit of one channel: unknowns are the coefficients and then one irradiance per source.
+/// The fit of one channel: unknowns are the coefficients, one irradiance per source, the systematic errors.
 #[derive(Debug)]
 pub struct Fit {
     pub posterior: Posterior,
@@ -119,9 +171,11 @@ impl Fit {
         channel: &Channel<'_>,
         smooth: &Series,
         irradiance: &[f64],
+        systematics: &[f64],
     ) -> Vec<Vec<f64>> {
         let mut predicted = channel.system.predict(samples, smooth);
-        for (response, e) in self.responses.iter().zip(irradiance) {
+        let sources = self.responses.iter().zip(irradiance);
+        for (response, e) in sources.chain(channel.systematics.iter().zip(systematics)) {
             for (column, f) in predicted.iter_mut().zip(response) {
                 for (b, f) in column.iter_mut().zip(f) {
                     *b += e * f;
@@ -306,13 +360,9 @@ impl Mixture {
             }
         }
         let kappa = channel.noise_scale;
-        let values: Vec<Vec<f64>> = samples
-            .columns
-            .iter()
-            .map(|c| c.value[channel.index].clone())
-            .collect();
+        let values = channel.values(samples);
         let mut cross = channel.system.project(samples, channel.index, &derivative);
-        for response in &fit.responses {
+        for response in fit.responses.iter().chain(&channel.systematics) {
             cross.push(weighted_product(
                 samples,
                 channel.index,
@@ -379,7 +429,7 @@ impl Mixture {
                 .zip(&without.fits)
                 .any(|((channel, fit), before)| {
                     let gain = before.square - fit.square;
-                    gain > (MODEL_ERROR * channel.system.largest).powi(2) * channel.system.weight
+                    gain > (SPLIT_ERROR * channel.system.largest).powi(2) * channel.system.weight
                 })
     }
 
@@ -408,43 +458,12 @@ fn fit_channel(
 ) -> Result<Fit> {
     let system = &channel.system;
     let n = system.vector.len();
-    let size = n + directions.len();
     let responses: Vec<Vec<Vec<f64>>> = directions
         .iter()
         .map(|&theta| unit_response(samples, channel.brdf, WorldAngle::radians(theta)))
         .collect();
-    let values: Vec<Vec<f64>> = samples
-        .columns
-        .iter()
-        .map(|c| c.value[channel.index].clone())
-        .collect();
-    let mut matrix = Mat::from_fn(size, size, |i, j| {
-        if i < n && j < n {
-            system.matrix[(i, j)]
-        } else {
-            0.0
-        }
-    });
-    let mut vector = system.vector.clone();
-    for (s, response) in responses.iter().enumerate() {
-        let cross = system.project(samples, channel.index, response);
-        for (i, c) in cross.iter().enumerate() {
-            matrix[(i, n + s)] = *c;
-            matrix[(n + s, i)] = *c;
-        }
-        for (t, other) in responses.iter().enumerate().take(s + 1) {
-            let product = weighted_product(samples, channel.index, response, other);
-            matrix[(n + s, n + t)] = product;
-            matrix[(n + t, n + s)] = product;
-        }
-        vector.push(weighted_product(samples, channel.index, response, &values));
-    }
-    let problem = Problem {
-        matrix: &matrix,
-        vector: &vector,
-        coefficients: n,
-        noise_scale: channel.noise_scale,
-    };
+    let equations = channel.equations(samples, &responses);
+    let problem = channel.problem(&equations, responses.len());
     let mean_light = channel.mean_light;
     let named = |criterion: &str, strength: f64| RegularisationChoice {
         criterion: criterion.into(),

@@ -26,7 +26,7 @@ use crate::angle::{NormalAngle, WorldAngle, wrap};
 use crate::brdf::{Brdf, Material, transfer_row};
 use crate::error::{Error, Result};
 use crate::fourier::{CircleTransform, Series};
-use crate::light_field::{Column, Samples};
+use crate::light_field::{Column, Samples, Systematic};
 use crate::recover::Status;
 use crate::recover::normal::{NormalSystem, position, to_series};
 
@@ -90,6 +90,20 @@ pub fn recover(
     material: &Material,
     options: &Options,
 ) -> Result<LightingEstimate> {
+    recover_with(samples, &[], material, options)
+}
+
+/// The same with systematic errors that all samples share: they are fitted along, each with a normal prior of one
+/// standard deviation, so that the light's σ holds what they leave open.
+///
+/// # Errors
+/// As [`recover`].
+pub fn recover_with(
+    samples: &Samples,
+    systematics: &[Systematic],
+    material: &Material,
+    options: &Options,
+) -> Result<LightingEstimate> {
     if material.brdfs.len() != samples.channels.len() {
         return Err(Error::input(format!(
             "expected a BRDF for each of the channels {}, found {}",
@@ -99,11 +113,14 @@ pub fn recover(
     }
     let channels: Vec<Channel<'_>> = (0..samples.channels.len())
         .into_par_iter()
-        .map(|c| prepare(samples, c, material.brdfs[c].as_ref(), options))
+        .map(|c| {
+            let changes = systematics.iter().map(|s| s.change[c].clone()).collect();
+            prepare(samples, c, material.brdfs[c].as_ref(), changes, options)
+        })
         .collect::<Result<_>>()?;
     let weak: Vec<Posterior> = channels
         .par_iter()
-        .map(Channel::weak_posterior)
+        .map(|channel| channel.weak_posterior(samples))
         .collect::<Result<_>>()?;
     let mirror = material.brdfs.iter().any(|b| {
         samples
@@ -135,6 +152,7 @@ fn prepare<'a>(
     samples: &Samples,
     channel: usize,
     brdf: &'a dyn Brdf,
+    systematics: Vec<Vec<Vec<f64>>>,
     options: &Options,
 ) -> Result<Channel<'a>> {
     let name = &samples.channels[channel];
@@ -164,7 +182,15 @@ fn prepare<'a>(
         row.truncate(order + 1);
     }
     let system = NormalSystem::with_transfer(samples, channel, transfer, order);
-    Channel::new(name.clone(), channel, brdf, system, mean_light)
+    Channel::new(
+        name.clone(),
+        samples,
+        channel,
+        brdf,
+        system,
+        systematics,
+        mean_light,
+    )
 }
 
 /// L_0 as if the light were uniform, and the largest p that could show above the noise and above
@@ -203,7 +229,8 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
         .par_iter()
         .zip(weak)
         .map(|(channel, weak)| {
-            let x = constrained(weak, channel.system.order, 0)?;
+            let mut x = constrained(weak, channel.system.order, 0)?;
+            x.truncate(channel.system.vector.len());
             let synthesis = synthesis_matrix(channel.system.order, TABLE);
             Ok((0..TABLE)
                 .map(|k| {
@@ -262,10 +289,10 @@ fn finish(
     let synthesis = synthesis_matrix(order, TABLE);
     let mut unknowns = fit.posterior.mean.clone();
     if options.non_negative {
-        unknowns = constrained(&fit.posterior, order, unknowns.len() - n)?;
+        unknowns = constrained(&fit.posterior, order, mixture.directions.len())?;
     }
     let smooth = to_series(&unknowns[..n]);
-    let irradiance = &unknowns[n..];
+    let (irradiance, systematics) = unknowns[n..].split_at(mixture.directions.len());
 
     let mut table: Vec<f64> = (0..TABLE)
         .map(|k| {
@@ -307,7 +334,7 @@ fn finish(
         .take_while(|c| c.status == Status::Determined)
         .count()
         .checked_sub(1);
-    let predicted = fit.predict(samples, channel, &smooth, irradiance);
+    let predicted = fit.predict(samples, channel, &smooth, irradiance, systematics);
     let (mut sum, mut chi2, mut largest, mut count) = (0.0, 0.0, 0.0f64, 0usize);
     for (column, predicted) in samples.columns.iter().zip(&predicted) {
         let measured = column.value[channel.index]
@@ -415,7 +442,7 @@ fn constrained(posterior: &Posterior, order: usize, sources: usize) -> Result<Ve
     let n = 2 * order + 1;
     let angles = (4 * order).max(8);
     let synthesis = synthesis_matrix(order, angles);
-    let constraints = Mat::from_fn(angles + sources, n + sources, |k, i| {
+    let constraints = Mat::from_fn(angles + sources, posterior.mean.len(), |k, i| {
         if k < angles && i < n {
             synthesis[(k, i)]
         } else {

@@ -47,7 +47,7 @@ impl SpectralPrior {
 
 /// Gaussian posterior of the unknowns of A x = y with noise scale κ under a prior.
 ///
-/// The last unknowns may be irradiances of sources, which have a flat prior.
+/// After the coefficients come irradiances of sources and systematic errors.
 #[derive(Debug)]
 pub struct Posterior {
     /// Mean of the unknowns.
@@ -75,7 +75,7 @@ impl Posterior {
     }
 }
 
-/// Which unknowns are Fourier coefficients: the first `coefficients`; the rest are free.
+/// Normal equations, and which of the unknowns are what: coefficients, then irradiances of sources, then systematic errors.
 pub struct Problem<'a> {
     /// A, symmetric positive semi-definite, in units of inverse variance.
     pub matrix: &'a Mat<f64>,
@@ -83,6 +83,9 @@ pub struct Problem<'a> {
     pub vector: &'a [f64],
     /// Number of unknowns that the prior applies to.
     pub coefficients: usize,
+    /// Number of unknowns at the end that have a unit normal prior (systematic errors in units of their σ);
+    /// those between have a flat one (irradiances of sources).
+    pub systematics: usize,
     /// κ: factor on the samples' variances.
     pub noise_scale: f64,
 }
@@ -92,6 +95,9 @@ impl Problem<'_> {
         let mut q = self.matrix * faer::Scale(1.0 / self.noise_scale);
         for i in 0..self.coefficients {
             q[(i, i)] += prior.precision(i);
+        }
+        for i in q.nrows() - self.systematics..q.nrows() {
+            q[(i, i)] += 1.0;
         }
         // Directions that neither data nor prior fix (a source no sample sees) must not stop the
         // factorisation: 1e-13 of the largest entry is the rounding of the sums that made A.

@@ -70,13 +70,11 @@ pub fn check(paper: &mut Paper) -> Result<()> {
         "B(α, θo′) = ρ̂(−α, θo′)",
         (-20..=20).flat_map(|k| {
             let normal = NormalAngle::radians(0.074 * f64::from(k));
-            let brdf = brdf;
-            let sun = &sun;
-            [-1.2, 0.0, 0.7].map(move |o| {
+            [-1.2, 0.0, 0.7].map(|o| {
                 let local = LocalAngle::radians(o);
                 let incident = LocalAngle::radians(-normal.rad());
                 let rho = brdf.value(incident, local) * normal.rad().cos();
-                (rho, integral::value(sun, 0, &brdf, normal, local))
+                (rho, integral::value(&sun, 0, &brdf, normal, local))
             })
         }),
         1e-13,
