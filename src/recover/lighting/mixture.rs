@@ -25,12 +25,14 @@ const BELIEF: f64 = 6.0;
 const MODEL_ERROR: f64 = 1e-4;
 /// Weighted rms, relative to the largest sample, up to which a misfit may pass for a split source.
 const SPLIT_ERROR: f64 = 3e-4;
+/// Peaks that are tried as two sources.
+const MOST_SPLITS: usize = 2;
 /// Half the distance (radians) at which a peak is tried as two sources.
 const SPLIT: f64 = 0.035;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
 /// Gauss–Newton steps under one prior, at the most.
-const STEPS: usize = 12;
+const STEPS: usize = 8;
 /// Standard deviation of a direction (radians) beyond which the data do not guide it.
 const LOST: f64 = 0.3;
 /// Longest step of a direction, radians: within the width of a lobe the step may be trusted.
@@ -241,11 +243,7 @@ impl Mixture {
             &best.directions
         }
         .to_vec();
-        for (s, theta) in known
-            .iter()
-            .enumerate()
-            .take(if candidates.is_empty() { 0 } else { 4 })
-        {
+        for (s, theta) in known.iter().enumerate().take(MOST_SPLITS) {
             let mut split = known.clone();
             if best.directions.is_empty() {
                 split.truncate(s + 1);

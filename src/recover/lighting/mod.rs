@@ -51,7 +51,7 @@ pub const TABLE: usize = 720;
 /// Gaussian) has passed 1e-6 of the light's amplitude at p ≈ 10/w; slower tails come from edges of
 /// the half circle, and errors of the surface's model drown them.
 fn model_order(brdf: &dyn Brdf) -> usize {
-    (14.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
+    (8.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
 }
 
 /// What the user can choose.
@@ -104,6 +104,8 @@ pub fn recover_with(
     material: &Material,
     options: &Options,
 ) -> Result<LightingEstimate> {
+    // The matrices are small, and results must not depend on the number of threads.
+    faer::set_global_parallelism(faer::Par::Seq);
     if material.brdfs.len() != samples.channels.len() {
         return Err(Error::input(format!(
             "expected a BRDF for each of the channels {}, found {}",

@@ -179,16 +179,20 @@ pub fn choose_by_evidence(
             SpectralPrior::flat(mean_light * 10f64.powi(-step)),
             &mut best,
         )?;
+        // Once the likelihood falls with the strength it does not rise again.
+        if f64::from(step) > (mean_light / best.1.deviation).log10() + 1.5 {
+            break;
+        }
     }
     let flat = best.1;
-    for corner in [2.0, 4.0, 8.0, 13.0, 22.0, 35.0] {
-        for louder in [1.0, 10f64.sqrt()] {
-            let deviation = (flat.deviation * louder).min(mean_light);
+    for steepness in [3, 10] {
+        for corner in [3.0, 6.0, 9.0, 13.0, 19.0, 28.0] {
+            let deviation = (flat.deviation * 10f64.sqrt()).min(mean_light);
             look(
                 SpectralPrior {
                     deviation,
                     corner,
-                    steepness: 3,
+                    steepness,
                 },
                 &mut best,
             )?;
