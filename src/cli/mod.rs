@@ -1,7 +1,10 @@
 //! Arguments, progress bars, printing: the only place that prints.
 
+mod check;
+mod init;
 mod progress;
 mod run;
+mod say;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -31,6 +34,9 @@ struct Common {
     /// Warnings become failures
     #[arg(long, global = true)]
     strict: bool,
+    /// Form of what is printed
+    #[arg(long, global = true, value_enum, default_value_t, value_name = "FORM")]
+    log: say::Log,
 }
 
 #[derive(Debug, Subcommand)]
@@ -52,6 +58,12 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Write a first capture.toml for a folder of photos, from their headers; says what is left to fill in
+    #[command(after_help = "Example:\n  flatlight init my-photos/\n  flatlight check my-photos/")]
+    Init {
+        /// The folder that holds the photos
+        folder: PathBuf,
+    },
     /// Everything wrong with a capture set, at once, before any long work
     #[command(after_help = "Example:\n  flatlight check testdata/phong32-sun")]
     Check {
@@ -70,12 +82,13 @@ pub fn main() -> ExitCode {
             out,
             force,
         } => run::run(recipe, capture, out, *force, &arguments.common),
-        Command::Check { capture } => run::check(capture),
+        Command::Init { folder } => init::run(folder, &arguments.common),
+        Command::Check { capture } => check::run(capture, &arguments.common),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            say::error(arguments.common.log, &error);
             ExitCode::from(error.exit_code())
         }
     }
