@@ -5,6 +5,7 @@ mod init;
 mod progress;
 mod run;
 mod say;
+mod simulate;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -70,6 +71,20 @@ enum Command {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// A synthetic capture set with its truth, with a real camera's faults
+    #[command(
+        after_help = "Example:\n  flatlight simulate pipelines/simulate.toml --out set/\n  flatlight run set/recipe.toml --capture set/ --out out/"
+    )]
+    Simulate {
+        /// What to simulate: a recipe, as pipelines/simulate.toml
+        recipe: PathBuf,
+        /// Folder for the set; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+        /// Replace a capture set that the folder holds
+        #[arg(long)]
+        force: bool,
+    },
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -84,6 +99,9 @@ pub fn main() -> ExitCode {
         } => run::run(recipe, capture, out, *force, &arguments.common),
         Command::Init { folder } => init::run(folder, &arguments.common),
         Command::Check { capture } => check::run(capture, &arguments.common),
+        Command::Simulate { recipe, out, force } => {
+            simulate::run(recipe, out, *force, &arguments.common)
+        }
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
