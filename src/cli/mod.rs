@@ -1,5 +1,7 @@
 //! Arguments, progress bars, printing: the only place that prints.
 
+mod paper;
+mod prefilter;
 mod progress;
 mod run;
 
@@ -58,6 +60,18 @@ enum Command {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// Every equation and figure of the theory, recomputed, on one page
+    #[command(
+        after_help = "Example:\n  flatlight paper --out paper/\n  then open paper/paper.html; paper/paper.csv holds the same numbers"
+    )]
+    Paper {
+        /// Folder for paper.html and paper.csv; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Environment map prefiltering: the light field of a planar environment as a table, an image, or an
+    /// object in front of a camera
+    Prefilter(prefilter::Arguments),
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -71,6 +85,8 @@ pub fn main() -> ExitCode {
             force,
         } => run::run(recipe, capture, out, *force, &arguments.common),
         Command::Check { capture } => run::check(capture),
+        Command::Paper { out } => paper::paper(out, &arguments.common),
+        Command::Prefilter(wanted) => prefilter::prefilter(wanted, &arguments.common),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
