@@ -114,22 +114,30 @@ fn between(points: &[Point], first: usize, last: usize, centre: f64) -> (f64, f6
                 used.push((d, at));
             }
         }
-        let (mut value, mut variance) = (0.0, 0.0);
-        for (i, &(d, at)) in used.iter().enumerate() {
-            let weight: f64 = used
-                .iter()
-                .enumerate()
-                .filter(|&(k, _)| k != i)
-                .map(|(_, &(other, _))| other / (other - d))
-                .product();
-            value += weight * points[at].value;
-            variance += weight * weight * points[at].variance;
-        }
-        means.push((value, variance));
+        let (value, variance) = lagrange(&used, points);
+        // What the last point changes is about what the next one would: the error of interpolation.
+        let (fewer, _) = lagrange(&used[..used.len().max(2) - 1], points);
+        means.push((value, variance + (value - fewer).powi(2)));
     }
     let n = means.len() as f64;
     let sum = means.iter().fold((0.0, 0.0), |s, m| (s.0 + m.0, s.1 + m.1));
     (sum.0 / n, sum.1 / (n * n))
+}
+
+/// Lagrange's interpolation at 0 through points at the given offsets, and its variance.
+fn lagrange(used: &[(f64, usize)], points: &[Point]) -> (f64, f64) {
+    let (mut value, mut variance) = (0.0, 0.0);
+    for (i, &(d, at)) in used.iter().enumerate() {
+        let weight: f64 = used
+            .iter()
+            .enumerate()
+            .filter(|&(k, _)| k != i)
+            .map(|(_, &(other, _))| other / (other - d))
+            .product();
+        value += weight * points[at].value;
+        variance += weight * weight * points[at].variance;
+    }
+    (value, variance)
 }
 
 /// Mean of the samples in the cell, moved to its centre by a weighted parabola over three rows.

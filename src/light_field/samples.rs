@@ -108,14 +108,14 @@ pub struct Gathered {
 
 /// Gathers the views' samples into columns; `views` holds, per view, \[channel\]\[column\].
 ///
-/// The variance of a sample is that of its pixels' noise, plus that of an error of its view's own outline, plus a
-/// floor of [`MODEL_FLOOR`] times the channel's largest value, squared. `own_sigma` gives the standard deviation of
-/// θo′ by the view's own outline error at θo′ = 0, radians; it grows as 1/cos θo′.
+/// The variance of a sample is that of its pixels' noise, plus that of an error of its view's outline, plus a
+/// floor of [`MODEL_FLOOR`] times the channel's largest value, squared. `outline_sigma` gives, per view, the standard
+/// deviation of θo′ by the outline's error at θo′ = 0, radians; it grows as 1/cos θo′.
 pub fn gather(
     channels: Vec<String>,
     locals: &[LocalAngle],
     views: &[Vec<Vec<Option<ViewSample>>>],
-    own_sigma: &[f64],
+    outline_sigma: &[f64],
 ) -> Gathered {
     let mut slopes = vec![Vec::with_capacity(locals.len()); channels.len()];
     let mut all_pixels = Vec::with_capacity(locals.len());
@@ -151,7 +151,7 @@ pub fn gather(
                 pixels.push(any.pixels);
                 for (c, sample) in here.iter().enumerate() {
                     column.value[c].push(sample.map_or(0.0, |s| s.value));
-                    let own = own_sigma[k] / local.rad().cos();
+                    let own = outline_sigma[k] / local.rad().cos();
                     column.variance[c].push(sample.map_or(f64::INFINITY, |s| {
                         s.variance + (s.slope * own).powi(2) + floor[c]
                     }));

@@ -30,8 +30,8 @@ const REACHES: [f64; 12] = [
 const ELEVATION: (f64, f64) = (0.026, 0.05);
 /// Change, relative to the largest radiance, that averaging more rows may make beyond the noise.
 const ROWS_BIAS: f64 = 1e-4;
-/// Error of a limb's position (pixels) that photos of one object share, however many they are: the brightness just
-/// inside the limb is not what the edge's model assumes.
+/// Error of both limbs' positions (pixels) that photos of one object share, however many they are: the brightness just
+/// inside the limb is not what the edge's model assumes. It shifts nothing, but changes the apparent radius.
 const LIMB_ERROR_PX: f64 = 0.03;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
@@ -137,14 +137,15 @@ pub fn measure(
                 .samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
         })
         .collect();
-    let own_sigma: Vec<f64> = (0..poses.len())
-        .map(|k| own_sigma(&settled, capture, k))
+    let outline_sigma: Vec<f64> = poses
+        .iter()
+        .map(|p| p.sigma_lateral / capture.object.radius)
         .collect();
     let Gathered {
         samples,
         pixels,
         slopes,
-    } = gather(channels, &locals, &views, &own_sigma);
+    } = gather(channels, &locals, &views, &outline_sigma);
     let field = grid(&samples, cells, &pixels);
     let systematics = systematics(&settled, capture, &geometries[0], &samples, &slopes);
     let records = (0..read.len())
@@ -323,15 +324,6 @@ fn px_per_metre(geometry: &ViewGeometry) -> f64 {
     half_width(geometry) / geometry.radius()
 }
 
-/// Standard deviation of θo′ at the middle of view `view` by what its outline has of its own, radians.
-fn own_sigma(settled: &Settled, capture: &Capture, view: usize) -> f64 {
-    let (sin, cos) = capture.views[view].orbit.rad().sin_cos();
-    let [x, y] = settled.sigma_displacement;
-    let common = settled.sigma_constant.powi(2) + (x * sin).powi(2) + (y * cos).powi(2);
-    let own = settled.poses[view].sigma_lateral.powi(2) - common;
-    own.max(0.0).sqrt() / capture.object.radius
-}
-
 /// The errors of the outline that all views share: where the object stands, and how large it looks. A
 /// shift by δ turns the normal seen in a pixel by δ/(R cos θo′), a radius wrong by the factor 1 + s by
 /// s tan θo′.
@@ -343,11 +335,11 @@ fn systematics(
     slopes: &[Vec<Vec<f64>>],
 ) -> Vec<Systematic> {
     let radius = capture.object.radius;
-    let least = LIMB_ERROR_PX / half_width(geometry);
-    let of_shift = |sigma: f64| (sigma / radius).max(least);
-    let [x, y] = settled.sigma_displacement;
-    let (constant, x, y) = (of_shift(settled.sigma_constant), of_shift(x), of_shift(y));
-    let scale = settled.sigma_radius_scale.max(least);
+    let [x, y] = settled.sigma_displacement.map(|sigma| sigma / radius);
+    let constant = settled.sigma_constant / radius;
+    let scale = settled
+        .sigma_radius_scale
+        .max(LIMB_ERROR_PX / half_width(geometry));
     let build = |name: &str, turn: &dyn Fn(f64, f64) -> f64| Systematic {
         name: name.into(),
         change: slopes

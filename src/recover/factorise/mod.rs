@@ -65,6 +65,8 @@ mod slice;
 mod spectral;
 #[cfg(test)]
 mod study;
+#[cfg(test)]
+mod tests;
 mod uncertainty;
 
 use num_complex::Complex64;
@@ -205,7 +207,8 @@ pub fn cramer_rao(
     order: usize,
 ) -> Result<Vec<f64>> {
     let half = columns::half_circle(clean)?;
-    let spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    let mut spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    spectrum.forget_guesses();
     let frequencies: Vec<usize> = (0..=order).collect();
     let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;
     let mut bound = vec![0.0];
