@@ -2,6 +2,8 @@
 
 mod check;
 mod init;
+mod paper;
+mod prefilter;
 mod progress;
 mod run;
 mod say;
@@ -85,6 +87,18 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Every equation and figure of the theory, recomputed, on one page
+    #[command(
+        after_help = "Example:\n  flatlight paper --out paper/\n  then open paper/paper.html; paper/paper.csv holds the same numbers"
+    )]
+    Paper {
+        /// Folder for paper.html and paper.csv; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Environment map prefiltering: the light field of a planar environment as a table, an image, or an
+    /// object in front of a camera
+    Prefilter(prefilter::Arguments),
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -102,6 +116,8 @@ pub fn main() -> ExitCode {
         Command::Simulate { recipe, out, force } => {
             simulate::run(recipe, out, *force, &arguments.common)
         }
+        Command::Paper { out } => paper::paper(out, &arguments.common),
+        Command::Prefilter(wanted) => prefilter::prefilter(wanted, &arguments.common),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
