@@ -1,5 +1,7 @@
 //! The `flatlight` command.
 
+mod cli;
+
 fn main() -> std::process::ExitCode {
-    std::process::ExitCode::SUCCESS
+    cli::main()
 }

@@ -115,6 +115,31 @@ mod tests {
     }
 
     #[test]
+    fn the_coat_is_that_of_mitsuba_s_rough_plastic() {
+        // Mitsuba 3.9.1, `roughplastic`, `distribution = "ggx"`, α = 0.1, int_ior / ext_ior = 1.5: eval / cos θi′ less the same
+        // without its specular part.
+        let coat = GgxDielectric {
+            diffuse: 0.0,
+            alpha: 0.1,
+            ior: 1.5,
+        };
+        for (i, o, expected) in [
+            (0.0, 0.0, 0.463654995 - 0.1453451),
+            (30.0, -30.0, 0.5843468646 - 0.1445107),
+            (30.0, -20.0, 0.2742718469 - 0.1448100),
+            (-70.0, 65.0, 5.518295106 - 0.1155569),
+            (80.0, -84.0, 126.6857671 - 0.06667517),
+        ] {
+            let found = coat.value(LocalAngle::degrees(i), LocalAngle::degrees(o));
+            // Single precision, and seven digits of the diffuse part.
+            assert!(
+                (found / expected - 1.0_f64).abs() < 2e-5,
+                "{i} {o}: {found} {expected}"
+            );
+        }
+    }
+
+    #[test]
     fn with_a_smooth_coat_the_base_is_that_of_mitsuba_s_plastic() {
         // Mitsuba 3.9.1, `plastic`, int_ior over ext_ior 1 as below, eval / cos θi′; (ior, diffuse, θi′, θo′, ρ).
         for (ior, diffuse, i, o, expected) in [

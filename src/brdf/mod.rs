@@ -5,17 +5,21 @@
 //! their energy can be checked over the hemisphere.
 
 mod blinn;
+pub mod closed_forms;
 mod family;
+pub mod fit;
 mod fresnel;
 mod ggx;
 mod ggx_dielectric;
 mod isotropic;
 mod lambertian;
+mod measured;
 mod mirror;
 mod model;
 mod oren_nayar;
 mod phong;
 mod sheen;
+mod spectrum;
 mod table;
 #[cfg(test)]
 mod testing;
@@ -35,12 +39,14 @@ pub use ggx::GgxConductor;
 pub use ggx_dielectric::GgxDielectric;
 pub use isotropic::{Isotropic, Pair, directional_albedo};
 pub use lambertian::Lambertian;
+pub use measured::MeasuredSlice;
 pub use mirror::Mirror;
 pub use model::Model;
 pub use oren_nayar::OrenNayar;
 pub use phong::Phong;
 pub use sheen::{HorizonSheen, Sheen};
-pub use table::{Axis, MeasuredSlice, SliceTable};
+pub use spectrum::ReciprocalSpectrum;
+pub use table::{Axis, SliceTable};
 pub use torrance_sparrow::TorranceSparrow;
 pub use transfer::{IncidentRule, transfer_row};
 pub use ward::Ward;

@@ -67,5 +67,15 @@ mod tests {
             // (n+2)/(2π) normalises the lobe at normal incidence: ∫ cosⁿ⁺¹ θ dω = 2π/(n+2).
             assert!((directional_albedo(&model, 0.0) - 0.9).abs() < 1e-6);
         }
+        // A narrow lobe keeps its first moment along the mirror direction: cos θ times as much.
+        for angle in [0.4f64, 0.8, 1.1] {
+            let narrow = Phong {
+                diffuse: 0.0,
+                specular: 1.0,
+                exponent: 2000.0,
+            };
+            // What goes below the horizon is cos²⁰⁰⁰(π/2 − 1.1) = 1e-100.
+            assert!((directional_albedo(&narrow, angle) - angle.cos()).abs() < 1e-6);
+        }
     }
 }

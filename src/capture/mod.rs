@@ -1,8 +1,21 @@
 //! What was shot: the description of a photo set, as resolved from `capture.toml`.
 
+mod check;
+mod draft;
+mod file;
+mod path;
+pub(crate) mod table;
+#[cfg(test)]
+mod tests;
+mod to_toml;
+mod views;
+
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+
+pub use check::{Findings, check};
+pub use draft::{Draft, draft};
 
 use crate::angle::WorldAngle;
 
@@ -146,4 +159,22 @@ pub struct GivenOutline {
     pub centre_px: [f64; 2],
     /// Half the width of the outline, pixels.
     pub radius_px: f64,
+}
+
+impl Capture {
+    /// All files of the set, relative to its folder: description, photos, masks, calibration frames.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut files = vec![PathBuf::from("capture.toml")];
+        for view in &self.views {
+            files.extend(view.photos.iter().map(|p| p.file.clone()));
+            files.extend(view.mask.clone());
+        }
+        files.extend(self.object.mask.clone());
+        files.extend(self.sensor.dark.clone());
+        files.extend(self.sensor.flat.clone());
+        if let Some(Encoding::Response(file)) = &self.sensor.encoding {
+            files.push(file.clone());
+        }
+        files
+    }
 }

@@ -1,5 +1,6 @@
 //! Between samples on a regular circle of angles and Fourier coefficients, by FFT.
 
+use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ use super::Series;
 
 /// Transforms between `n` equidistant samples f(start + 2πi/n) and the coefficients of eq. 6.
 ///
-/// Plans are made once; one value can be shared between threads.
+/// One value can be shared between threads.
 #[derive(Clone)]
 pub struct CircleTransform {
     n: usize,
@@ -31,14 +32,17 @@ impl std::fmt::Debug for CircleTransform {
 
 impl CircleTransform {
     /// For `n` ≥ 1 samples, the first at angle `start` (radians).
+    /// Plans are kept for later calls on the same thread.
     pub fn new(n: usize, start: f64) -> Self {
-        let mut planner = FftPlanner::new();
-        Self {
+        thread_local! {
+            static PLANNER: RefCell<FftPlanner<f64>> = RefCell::new(FftPlanner::new());
+        }
+        PLANNER.with_borrow_mut(|planner| Self {
             n,
             start,
             forward: planner.plan_fft_forward(n),
             inverse: planner.plan_fft_inverse(n),
-        }
+        })
     }
 
     /// Number of samples on the circle.

@@ -1,5 +1,16 @@
 //! From photographs' samples to the light field B(α, θo′) with mean, σ and weight.
 
+mod columns;
+mod field;
+mod file;
+mod gridding;
+mod line;
 mod samples;
+mod strip;
 
-pub use samples::{Column, Samples};
+pub use field::LightField;
+pub use file::{Part, encode};
+pub use gridding::grid;
+pub use line::{MeasuredLine, ViewSample, automatic_limb_cut};
+pub use samples::{Column, Gathered, Samples, Systematic, gather};
+pub use strip::Station;

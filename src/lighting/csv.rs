@@ -267,20 +267,33 @@ pub fn write_table(
     n: usize,
     sigma: Option<&[Vec<f64>]>,
 ) -> Result<()> {
-    let values = lighting.tabulated(n);
+    write_values(file, &lighting.channels, &lighting.tabulated(n), sigma)
+}
+
+/// The same from values at regular angles from −180°, \[channel\]\[n\].
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_values(
+    file: &Path,
+    channels: &[String],
+    values: &[Vec<f64>],
+    sigma: Option<&[Vec<f64>]>,
+) -> Result<()> {
+    let n = values.first().map_or(0, Vec::len);
     let mut text = String::from("theta_deg");
-    for name in &lighting.channels {
+    for name in channels {
         let _ = write!(text, ",L_{name}");
     }
     if sigma.is_some() {
-        for name in &lighting.channels {
+        for name in channels {
             let _ = write!(text, ",sigma_{name}");
         }
     }
     text.push('\n');
     for i in 0..n {
         let _ = write!(text, "{}", -180.0 + 360.0 * i as f64 / n as f64);
-        for channel in &values {
+        for channel in values {
             let _ = write!(text, ",{}", channel[i]);
         }
         for channel in sigma.unwrap_or_default() {
@@ -295,7 +308,7 @@ pub fn write_table(
 }
 
 /// How well a coefficient is determined by the photographs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// Known better than its own size or the noise asks for.
@@ -307,7 +320,8 @@ pub enum Status {
 }
 
 impl Status {
-    fn name(self) -> &'static str {
+    /// The word in the files.
+    pub fn word(self) -> &'static str {
         match self {
             Self::Determined => "determined",
             Self::Weak => "weak",
@@ -325,7 +339,7 @@ pub struct SpectrumRow {
     pub p: usize,
     /// L_p (eq. 6), W m⁻² rad⁻¹.
     pub value: Complex64,
-    /// Standard deviation of L_p (of the modulus of its error); `None` if unknown.
+    /// Standard deviation of the real and of the imaginary part of L_p; `None` if unknown.
     pub sigma: Option<f64>,
     /// How well it is determined.
     pub status: Status,
@@ -338,7 +352,7 @@ pub struct SpectrumRow {
 pub fn write_spectrum(file: &Path, rows: &[SpectrumRow]) -> Result<()> {
     let mut text = String::from("channel,p,re,im,sigma,status\n");
     for row in rows {
-        let (value, status) = (row.value, row.status.name());
+        let (value, status) = (row.value, row.status.word());
         let _ = write!(text, "{},{},{},{},", row.channel, row.p, value.re, value.im);
         if let Some(s) = row.sigma.filter(|s| s.is_finite()) {
             let _ = write!(text, "{s}");

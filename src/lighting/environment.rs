@@ -270,31 +270,55 @@ pub fn write_lat_long(file: &Path, lighting: &Lighting) -> Result<()> {
             row[(left + 1) % WIDTH] += t * height;
         }
     }
-    let channels: openexr::AnyChannels<openexr::FlatSamples> = openexr::AnyChannels::sort(
-        lighting
-            .channels
-            .iter()
-            .zip(&rows)
-            .map(|(name, row)| {
-                let mut pixels = vec![0.0f32; WIDTH * HEIGHT];
-                let horizon = HEIGHT / 2 * WIDTH;
-                for (pixel, l) in pixels[horizon..].iter_mut().zip(row) {
-                    *pixel = (l / band).max(0.0) as f32;
-                }
-                openexr::AnyChannel::new(name.as_str(), openexr::FlatSamples::F32(pixels))
-            })
-            .collect(),
-    );
+    let planes: Vec<Vec<f32>> = rows
+        .iter()
+        .map(|row| {
+            let mut pixels = vec![0.0f32; WIDTH * HEIGHT];
+            let horizon = HEIGHT / 2 * WIDTH;
+            for (pixel, l) in pixels[horizon..].iter_mut().zip(row) {
+                *pixel = (l / band).max(0.0) as f32;
+            }
+            pixels
+        })
+        .collect();
     let attributes = openexr::LayerAttributes {
         environment_map: Some(exr::meta::attribute::EnvironmentMap::LatitudeLongitude),
         ..openexr::LayerAttributes::default()
     };
+    write_planes(
+        file,
+        [WIDTH, HEIGHT],
+        &lighting.channels,
+        planes,
+        attributes,
+    )
+}
+
+/// Writes 32-bit planes of `size` (width, height), one per channel, as one EXR file, whole or not at
+/// all.
+pub(crate) fn write_planes(
+    file: &Path,
+    size: [usize; 2],
+    channels: &[String],
+    planes: Vec<Vec<f32>>,
+    attributes: openexr::LayerAttributes,
+) -> Result<()> {
+    let [width, height] = size;
+    let channels: openexr::AnyChannels<openexr::FlatSamples> = openexr::AnyChannels::sort(
+        channels
+            .iter()
+            .zip(planes)
+            .map(|(name, plane)| {
+                openexr::AnyChannel::new(name.as_str(), openexr::FlatSamples::F32(plane))
+            })
+            .collect(),
+    );
     let encoding = openexr::Encoding {
         compression: openexr::Compression::ZIP16,
         blocks: openexr::Blocks::ScanLines,
         line_order: openexr::LineOrder::Increasing,
     };
-    let layer = openexr::Layer::new((WIDTH, HEIGHT), attributes, encoding, channels);
+    let layer = openexr::Layer::new((width, height), attributes, encoding, channels);
     let image = openexr::Image::from_layer(layer);
     let mut bytes = Cursor::new(Vec::new());
     image

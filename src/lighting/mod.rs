@@ -18,6 +18,7 @@ use crate::fourier::{CircleTransform, Series};
 
 pub use csv::{
     LightingTable, SpectrumRow, Status, read_spectrum, read_table, write_spectrum, write_table,
+    write_values,
 };
 pub use describe::{EnvironmentDescription, LightingDescription, SourceDescription};
 
@@ -291,6 +292,12 @@ impl Lighting {
     /// 1e-3 of the largest value in every channel. (An edge of relative height h has a sum of about
     /// h/4, a single raised value one of h/2.)
     pub fn from_samples(channels: Vec<String>, values: &[Vec<f64>], start: f64) -> Self {
+        if values.iter().any(Vec::is_empty) {
+            return Self {
+                channels,
+                ..Self::default()
+            };
+        }
         match resolved(values, start) {
             Some(series) => Self::band_limited(channels, series),
             None => Self {

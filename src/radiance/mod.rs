@@ -1,7 +1,32 @@
 //! Photographs to linear radiance with a variance per pixel: response, dark and flat frames,
 //! vignetting, noise, exposure merge.
+//!
+//! The signal s of a pixel is its linear value above black, in the linear units of its
+//! [`Response`]. With g electrons per unit of signal, exposure time t and the relative
+//! illumination f of the pixel (vignetting, flat field),
+//!
+//! ```text
+//! s = L f t r / g,        var s = s/g + (read noise/g)² + rounding
+//! ```
+//!
+//! where L is the radiance and r the responsivity; without one, L is in units of s per second.
+
+mod brackets;
+mod calibration;
+mod exposure;
+mod merge;
+mod motion;
+mod noise;
+mod response;
+mod smooth;
+#[cfg(test)]
+mod tests;
 
 use std::ops::Range;
+
+pub use merge::view;
+pub use noise::Noise;
+pub use response::Response;
 
 /// Linear radiance of some rows of one view.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,3 +1,8 @@
 //! The inverse directions: lighting, BRDF, or both from a light field.
 
+pub mod brdf;
 pub mod factorise;
+pub mod lighting;
+pub mod normal;
+
+pub use crate::lighting::Status;

@@ -2,6 +2,8 @@
 //! Fourier series (fast) and by the angular integral (slow, the oracle).
 
 pub mod integral;
+mod panels;
+pub mod prefilter;
 pub mod product;
 
 use crate::angle::{LocalAngle, NormalAngle};

@@ -133,57 +133,20 @@ pub fn transfer_columns(brdf: &dyn Brdf, grid: Grid, order: usize) -> Vec<Vec<Co
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::{FRAC_PI_2, PI};
     use std::sync::Arc;
 
     use super::*;
     use crate::angle::WorldAngle;
+    use crate::brdf::{GgxConductor, Lambertian, Mirror, Phong};
     use crate::lighting::Source;
     use crate::reflect::integral;
 
-    #[derive(Debug)]
-    struct Lambert;
-    impl Brdf for Lambert {
-        fn value(&self, i: LocalAngle, o: LocalAngle) -> f64 {
-            f64::from(u8::from(i.is_visible() && o.is_visible())) / PI
-        }
-        fn lobe_width(&self) -> f64 {
-            1.0
-        }
-    }
-
-    /// ρ = cosⁿ(θi′ + θo′) about the mirror direction, with the kink of odd n where the lobe ends.
-    #[derive(Debug)]
-    struct Lobe(f64);
-    impl Brdf for Lobe {
-        fn value(&self, i: LocalAngle, o: LocalAngle) -> f64 {
-            let sum = i.rad() + o.rad();
-            if i.is_visible() && o.is_visible() && sum.abs() < FRAC_PI_2 {
-                sum.cos().powf(self.0)
-            } else {
-                0.0
-            }
-        }
-        fn lobe_width(&self) -> f64 {
-            (self.0 + 2.0).sqrt().recip()
-        }
-        fn kinks(&self, o: LocalAngle) -> Vec<f64> {
-            vec![FRAC_PI_2 - o.rad(), -FRAC_PI_2 - o.rad()]
-        }
-    }
-
-    #[derive(Debug)]
-    struct HalfMirror;
-    impl Brdf for HalfMirror {
-        fn value(&self, _: LocalAngle, _: LocalAngle) -> f64 {
-            0.0
-        }
-        fn mirror(&self, o: LocalAngle) -> f64 {
-            0.5 + 0.1 * o.rad().cos()
-        }
-        fn lobe_width(&self) -> f64 {
-            1e-3
-        }
+    fn phong(exponent: f64) -> Arc<dyn Brdf> {
+        Arc::new(Phong {
+            diffuse: 0.2,
+            specular: 0.5,
+            exponent,
+        })
     }
 
     fn material(brdfs: Vec<Arc<dyn Brdf>>) -> Material {
@@ -212,18 +175,24 @@ mod tests {
     #[test]
     fn product_equals_integral_for_band_limited_light_and_sources() {
         let brdfs: Vec<Arc<dyn Brdf>> = vec![
-            Arc::new(Lambert),
-            Arc::new(Lobe(33.0)),
-            Arc::new(Lobe(2000.0)),
+            Arc::new(Lambertian { albedo: 0.7 }),
+            phong(33.0),
+            phong(2000.0),
+            Arc::new(GgxConductor {
+                alpha: 0.2,
+                eta: 0.2,
+                k: 3.9,
+                specular: 1.0,
+            }),
         ];
         let material = material(brdfs);
         let mut light = Lighting::band_limited(
             material.channels.clone(),
-            vec![wiggly(12), wiggly(40), wiggly(3)],
+            vec![wiggly(12), wiggly(40), wiggly(3), wiggly(20)],
         );
         light.sources = vec![Source {
             theta: WorldAngle::degrees(37.3),
-            irradiance: vec![3.0, 2.0, 1.0],
+            irradiance: vec![3.0, 2.0, 1.0, 0.5],
         }];
         let grid = Grid {
             normals: 36,
@@ -263,7 +232,7 @@ mod tests {
         // Worst case: one raised value of 90 and edges.
         let mut table: Vec<f64> = (0..90).map(|i| f64::from(u8::from(i > 40))).collect();
         table[7] = 5.0;
-        let material = material(vec![Arc::new(Lobe(33.0))]);
+        let material = material(vec![phong(33.0)]);
         let light = Lighting {
             channels: material.channels.clone(),
             table: vec![table],
@@ -284,7 +253,7 @@ mod tests {
 
     #[test]
     fn a_mirror_shows_the_light_and_refuses_a_point_source() {
-        let material = material(vec![Arc::new(HalfMirror)]);
+        let material = material(vec![Arc::new(Mirror { reflectance: 0.6 })]);
         let mut light = Lighting::band_limited(material.channels.clone(), vec![wiggly(20)]);
         let grid = Grid {
             normals: 64,
@@ -296,7 +265,7 @@ mod tests {
                 // Eq. 17: B(α, θo′) = reflectance · L(α − θo′).
                 let local = grid.local(j);
                 let l = light.density(0, grid.normal(i) + -local);
-                let expected = (0.5 + 0.1 * local.rad().cos()) * l;
+                let expected = 0.6 * l;
                 assert!((field[0][grid.index(i, j)] - expected).abs() < 1e-12);
             }
         }

@@ -1,1 +1,150 @@
 //! The report: one function per figure, and the page that orders them.
+//!
+//! [`page`] makes one self-contained HTML page of a [`Run`]: the answer first, then
+//! the evidence, the methods, the settings and the provenance. It is complete without scripts and on
+//! paper; a small script adds the values under the pointer.
+
+mod equation;
+mod figure;
+mod methods;
+mod number;
+mod plot;
+mod results;
+mod settings;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use askama::Template;
+
+use crate::error::{Error, Result};
+use crate::pipeline::Run;
+use figure::Figure;
+use methods::Passage;
+use results::ResultTable;
+
+/// The page as the template takes it.
+#[derive(Template)]
+#[template(path = "page.html", config = "src/report/template/askama.toml")]
+struct Page<'a> {
+    title: &'a str,
+    kind: &'static str,
+    capture: &'a str,
+    version: &'a str,
+    style: &'static str,
+    script: &'static str,
+    gradients: String,
+    warnings: &'a [String],
+    findings: &'a [String],
+    results: Vec<ResultTable>,
+    sections: Vec<Section>,
+    methods: Vec<Passage>,
+    recipe: &'a str,
+    capture_toml: &'a str,
+    stages: Vec<(&'a str, String)>,
+    hashes: Vec<(&'a str, &'a str)>,
+}
+
+/// Figures under one heading; sections without figures are left out.
+struct Section {
+    id: &'static str,
+    title: &'static str,
+    figures: Vec<Figure>,
+}
+
+/// The report of a run as one HTML page without any reference to the network.
+///
+/// # Errors
+/// If an image cannot be encoded or the data disagree with their own sizes.
+pub fn page(run: &Run) -> Result<String> {
+    check(run)?;
+    let mut object = vec![figure::setup(run)];
+    object.extend(figure::photos(run)?);
+    let mut light_field = vec![
+        figure::light_field(run)?,
+        figure::coverage(run)?,
+        figure::sigma(run)?,
+    ];
+    light_field.extend(figure::magnitudes(run));
+    light_field.extend(figure::coefficient_image(run)?);
+    let mut lighting = Vec::new();
+    lighting.extend(figure::lighting_curve(run));
+    lighting.extend(figure::lighting_polar(run));
+    lighting.extend(figure::lighting_spectrum(run));
+    let mut fit = Vec::new();
+    fit.extend(figure::residual_image(run)?);
+    fit.extend(figure::residual_histogram(run));
+    fit.extend(figure::regularisation(run));
+    let sections = [
+        ("lighting-section", "Lighting", lighting),
+        ("object-section", "Object and photographs", object),
+        ("light-field-section", "Light field", light_field),
+        ("fit-section", "Quality of the fit", fit),
+    ]
+    .into_iter()
+    .filter(|(_, _, figures)| !figures.is_empty())
+    .map(|(id, title, figures)| Section { id, title, figures })
+    .collect();
+    let page = Page {
+        title: &run.title,
+        kind: match run.recover.as_str() {
+            "lighting" => "Lighting recovered from photographs",
+            "brdf" => "BRDF recovered from photographs",
+            "both" => "Lighting and BRDF recovered from photographs",
+            _ => "Light field measured from photographs",
+        },
+        capture: &run.capture_name,
+        version: &run.version,
+        style: include_str!("template/style.css"),
+        script: include_str!("template/script.js"),
+        gradients: plot::ColourMap::gradients(),
+        warnings: &run.warnings,
+        findings: &run.findings,
+        results: results::tables(run),
+        sections,
+        methods: methods::methods(run)?,
+        recipe: &run.recipe_toml,
+        capture_toml: &run.capture_toml,
+        stages: run
+            .stage_seconds
+            .iter()
+            .map(|(stage, seconds)| (stage.as_str(), number::fixed(*seconds, 3)))
+            .collect(),
+        hashes: run
+            .input_hashes
+            .iter()
+            .map(|(file, hash)| (file.as_str(), hash.as_str()))
+            .collect(),
+    };
+    page.render()
+        .map_err(|e| Error::failed(format!("cannot write the report: {e}")))
+}
+
+/// Whether the arrays have the sizes that their grid and channels promise; the figures rely on it.
+fn check(run: &Run) -> Result<()> {
+    for (name, field) in [
+        ("light field", Some(&run.light_field)),
+        ("residual", run.residual.as_ref()),
+    ] {
+        let Some(field) = field else { continue };
+        let channels = field.channels.len();
+        for (layer, values) in [
+            ("mean", &field.mean),
+            ("sigma", &field.sigma),
+            ("weight", &field.weight),
+        ] {
+            if values.len() != channels || values.iter().any(|v| v.len() != field.grid.len()) {
+                return Err(Error::failed(format!(
+                    "the {name}'s layer `{layer}` does not have {channels} channels of {} × {} cells",
+                    field.grid.normals, field.grid.locals
+                )));
+            }
+        }
+        if field.grid.is_empty() || channels == 0 {
+            return Err(Error::failed(format!(
+                "the {name} has no cell to report on"
+            )));
+        }
+    }
+    Ok(())
+}

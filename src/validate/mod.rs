@@ -1,1 +1,3 @@
 //! Truth against estimate: Monte-Carlo studies and the paper's own results.
+
+pub mod paper;

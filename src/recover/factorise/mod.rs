@@ -82,6 +82,7 @@ use crate::angle::LocalAngle;
 use crate::error::{Error, Result};
 use crate::fourier::Series;
 use crate::light_field::Samples;
+use crate::lighting::Status;
 
 pub use scale::Scale;
 
@@ -109,17 +110,11 @@ impl Default for Options {
     }
 }
 
-/// How well a coefficient is known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Status {
-    /// σ ≤ 5 % of L_0: the range |L_p| ≤ L_0 that any light has is narrowed more than twentyfold.
-    Determined,
-    /// σ between 5 % and 40 % of L_0.
-    Weak,
-    /// Hardly narrower than the range any light has.
-    Indeterminate,
-}
+/// Largest σ of a coefficient called determined, relative to L_0: the range |L_p| ≤ L_0 that any light has is then
+/// narrowed more than twentyfold.
+const DETERMINED: f64 = 0.05;
+/// Largest σ of a coefficient called weak; beyond, it is hardly known better than for any light.
+const WEAK: f64 = 0.4;
 
 /// Lighting and BRDF of all channels.
 #[derive(Clone, Debug)]
@@ -370,8 +365,8 @@ fn recover_channel(
     let status: Vec<Status> = sigma
         .iter()
         .map(|s| match s {
-            s if *s <= 0.05 => Status::Determined,
-            s if *s <= 0.4 => Status::Weak,
+            s if *s <= DETERMINED => Status::Determined,
+            s if *s <= WEAK => Status::Weak,
             _ => Status::Indeterminate,
         })
         .collect();

@@ -9,13 +9,13 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use super::{Channel, Options, Status, cramer_rao, recover};
+use super::{Channel, Options, cramer_rao, recover};
 use crate::angle::{LocalAngle, NormalAngle, WorldAngle, wrap};
 use crate::brdf::{Brdf, Model};
 use crate::fourier::Series;
 use crate::grid::Grid;
 use crate::light_field::{Column, Samples};
-use crate::lighting::Lighting;
+use crate::lighting::{Lighting, Status};
 use crate::reflect;
 
 /// A BRDF by its recipe.

@@ -1,0 +1,271 @@
+//! The views of a `capture.toml`: listed one by one or as an even orbit, and what the photos'
+//! headers add to them.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use super::file::file;
+use super::path::{inside, is_file_in};
+use super::table::Section;
+use super::{GivenOutline, Photo, View};
+use crate::angle::WorldAngle;
+use crate::photo;
+
+fn exposure(section: &Section<'_>) -> Option<f64> {
+    section.number_where("exposure_s", "an exposure time above 0, in seconds", |t| {
+        t > 0.0
+    })
+}
+
+/// The `[[view]]` tables.
+pub(super) fn listed_views(root: &Section<'_>, folder: &Path) -> Vec<View> {
+    let mut views = Vec::new();
+    for section in root.sections("view", true) {
+        let orbit = section.number("orbit_deg");
+        if !section.has("orbit_deg") {
+            section.missing(
+                "orbit_deg",
+                "Give the direction from the object to the camera, in degrees.",
+            );
+        }
+        let mut photos = Vec::new();
+        for entry in section.sections("photos", false) {
+            if !entry.has("file") {
+                entry.missing("file", "Name the photo's file.");
+            }
+            let exposure_s = exposure(&entry);
+            photos.extend(file(&entry, "file", folder).map(|file| Photo { file, exposure_s }));
+            entry.check_unknown();
+        }
+        let shorthand_exposure = exposure(&section);
+        if section.has("file") {
+            if section.has("photos") {
+                section.fault(
+                    "file",
+                    "expected either `file` or `photos`, found both",
+                    None,
+                );
+            }
+            photos.extend(file(&section, "file", folder).map(|file| Photo {
+                file,
+                exposure_s: shorthand_exposure,
+            }));
+        } else if !section.has("photos") {
+            section.missing(
+                "photos",
+                "Write photos = [{ file = \"…\", exposure_s = … }].",
+            );
+        } else if section.sections("photos", false).is_empty() {
+            section.fault("photos", "expected at least one photo, found none", None);
+        } else if section.has("exposure_s") {
+            section.fault(
+                "exposure_s",
+                "expected the exposure time beside each file in `photos`",
+                None,
+            );
+        }
+        let roll = section.number("plane_roll_deg").unwrap_or(0.0);
+        let mask = file(&section, "mask", folder);
+        let outline = outline(&section.section("outline"));
+        section.check_unknown();
+        views.push(View {
+            orbit: WorldAngle::degrees(orbit.unwrap_or(f64::NAN)),
+            photos,
+            plane_roll: roll.to_radians(),
+            mask,
+            outline,
+        });
+    }
+    views
+}
+
+fn outline(section: &Section<'_>) -> Option<GivenOutline> {
+    let centre_px = section.numbers::<2>("centre_px");
+    let radius_px = section.number_where("radius_px", "a length above 0, in pixels", |r| r > 0.0);
+    if section.exists() && !(section.has("centre_px") && section.has("radius_px")) {
+        section.missing("centre_px", "Give both centre_px = [x, y] and radius_px.");
+    }
+    section.check_unknown();
+    Some(GivenOutline {
+        centre_px: centre_px?,
+        radius_px: radius_px?,
+    })
+}
+
+/// The `[views]` table: an even orbit written short.
+pub(super) fn evenly_spaced_views(section: &Section<'_>, folder: &Path) -> Vec<View> {
+    let pattern = section.text("files");
+    let start = section.number("orbit_start_deg").unwrap_or(0.0);
+    let step = section.number_where("orbit_step_deg", "an angle other than 0", |s| s != 0.0);
+    let exposure_s = exposure(section);
+    let roll = section.number("plane_roll_deg").unwrap_or(0.0);
+    if section.exists() && !section.has("files") {
+        section.missing("files", "Write for example files = \"views/*.exr\".");
+    }
+    if section.exists() && !section.has("orbit_step_deg") {
+        section.missing(
+            "orbit_step_deg",
+            "Give the angle from one view to the next, in degrees.",
+        );
+    }
+    section.check_unknown();
+    let Some(pattern) = pattern else {
+        return Vec::new();
+    };
+    let files = match matching(pattern, folder) {
+        Ok(files) => files,
+        Err(what) => {
+            section.fault("files", what, None);
+            return Vec::new();
+        }
+    };
+    let step = step.unwrap_or(f64::NAN);
+    files
+        .into_iter()
+        .enumerate()
+        .map(|(i, file)| View {
+            orbit: WorldAngle::degrees(start + i as f64 * step),
+            photos: vec![Photo { file, exposure_s }],
+            plane_roll: roll.to_radians(),
+            mask: None,
+            outline: None,
+        })
+        .collect()
+}
+
+/// The files a pattern names, in the order in which people count.
+fn matching(pattern: &str, folder: &Path) -> std::result::Result<Vec<PathBuf>, String> {
+    let pattern = inside(pattern)?;
+    let full = Path::new(&glob::Pattern::escape(&folder.to_string_lossy())).join(&pattern);
+    let paths = glob::glob(&full.to_string_lossy()).map_err(|cause| {
+        format!(
+            "expected a file name with * or ?, found \"{}\": {cause}",
+            pattern.display()
+        )
+    })?;
+    let mut files = Vec::new();
+    for path in paths {
+        let path = path.map_err(|cause| format!("cannot look for files: {cause}"))?;
+        let relative = path.strip_prefix(folder).unwrap_or(&path).to_path_buf();
+        if relative.to_str().is_none() {
+            return Err(format!(
+                "the name of \"{}\" is not UTF-8",
+                relative.display()
+            ));
+        }
+        is_file_in(folder, &relative)?;
+        files.push(relative);
+    }
+    if files.is_empty() {
+        return Err(format!(
+            "expected files like \"{}\", found none",
+            pattern.display()
+        ));
+    }
+    files.sort_by(|a, b| photo::natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+    Ok(files)
+}
+
+/// Reports views of one direction, and photos used twice for one measurement.
+pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
+    let mut directions = HashMap::new();
+    let mut files = HashMap::new();
+    for (i, view) in views.iter().enumerate() {
+        // Angles closer than a millionth of a degree are the same angle written twice.
+        let key = |radians: f64| {
+            (radians.to_degrees().rem_euclid(360.0) * 1e6).round() as i64 % 360_000_000
+        };
+        let plane = key(view.plane_roll);
+        if view.orbit.rad().is_finite()
+            && let Some(first) = directions.insert((key(view.orbit.rad()), plane), i)
+        {
+            root.fault(
+                "view",
+                format!(
+                    "views {first} and {i} have the same orbit angle of {} degrees",
+                    view.orbit.deg()
+                ),
+                Some("Several photos of one camera position belong into one view's `photos`."),
+            );
+        }
+        for photo in &view.photos {
+            if let Some(first) = files.insert((&photo.file, plane), i) {
+                root.fault(
+                    "view",
+                    format!(
+                        "the photo \"{}\" is used twice, in views {first} and {i}",
+                        photo.file.display()
+                    ),
+                    Some("One photo may serve several views only if their plane_roll_deg differ."),
+                );
+            }
+        }
+    }
+}
+
+/// What the photos' own headers say, as far as the description leaves it to them.
+pub(super) struct Headers {
+    /// Size of the first photo that can be opened.
+    pub(super) size: Option<[u32; 2]>,
+    /// Exposure time by file, where the description gives none.
+    exposure_s: HashMap<PathBuf, Option<f64>>,
+}
+
+impl Headers {
+    pub(super) fn read(views: &[View], folder: &Path) -> Self {
+        use rayon::prelude::*;
+        let photos = || views.iter().flat_map(|view| &view.photos);
+        let unstated: Vec<&PathBuf> = photos()
+            .filter(|photo| photo.exposure_s.is_none())
+            .map(|photo| &photo.file)
+            .collect();
+        // A photo that cannot be opened is told when its pixels are wanted.
+        Self {
+            size: photos()
+                .find_map(|photo| Some(photo::info(&folder.join(&photo.file)).ok()?.size)),
+            exposure_s: unstated
+                .into_par_iter()
+                .map(|file| {
+                    let exposure = photo::info(&folder.join(file))
+                        .ok()
+                        .and_then(|info| info.shot.exposure_s);
+                    (file.clone(), exposure)
+                })
+                .collect(),
+        }
+    }
+}
+
+/// Fills in the exposure times that the photos' headers give; 1 for all if nothing gives any.
+pub(super) fn exposures(root: &Section<'_>, views: &mut [View], headers: &Headers) {
+    let photos = || views.iter().flat_map(|view| &view.photos);
+    let time = |photo: &Photo| {
+        photo
+            .exposure_s
+            .or_else(|| headers.exposure_s.get(&photo.file).copied().flatten())
+    };
+    let known = photos().filter(|photo| time(photo).is_some()).count();
+    let total = photos().count();
+    if known != 0
+        && known != total
+        && let Some(unknown) = photos().find(|photo| time(photo).is_none())
+    {
+        root.fault(
+            "view",
+            format!(
+                "expected exposure times for all photos or for none, found none for {} of {total}, the first of them \"{}\"",
+                total - known,
+                unknown.file.display()
+            ),
+            Some("Add exposure_s to each photo; these files' headers hold none."),
+        );
+    }
+    for photo in views.iter_mut().flat_map(|view| &mut view.photos) {
+        photo.exposure_s = Some(
+            photo
+                .exposure_s
+                .or_else(|| headers.exposure_s.get(&photo.file).copied().flatten())
+                .unwrap_or(1.0),
+        );
+    }
+}

@@ -1,0 +1,90 @@
+//! Arguments, progress bars, printing: the only place that prints.
+
+mod progress;
+mod run;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+use flatlight::{Error, Result};
+
+/// Photographs of a cylinder or a sphere in; measurements of light and material out.
+#[derive(Debug, Parser)]
+#[command(version, about, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// What every command takes.
+#[derive(Args, Clone, Debug)]
+struct Common {
+    /// Number of threads; default: one per processor
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Print nothing but results and errors
+    #[arg(long, global = true)]
+    quiet: bool,
+    /// Warnings become failures
+    #[arg(long, global = true)]
+    strict: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// The whole pipeline: photos in, products and report out
+    #[command(
+        after_help = "Example:\n  flatlight run pipelines/lighting.toml --capture testdata/phong32-two-suns --out out/\n  then open out/report.html"
+    )]
+    Run {
+        /// What to do: a recipe, as those in pipelines/
+        recipe: PathBuf,
+        /// What was shot: a folder with a capture.toml, or that file
+        #[arg(long)]
+        capture: PathBuf,
+        /// Folder for the products; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+        /// Write into the folder although it holds something else
+        #[arg(long)]
+        force: bool,
+    },
+    /// Everything wrong with a capture set, at once, before any long work
+    #[command(after_help = "Example:\n  flatlight check testdata/phong32-sun")]
+    Check {
+        /// A folder with a capture.toml, or that file
+        capture: PathBuf,
+    },
+}
+
+/// Runs the command line; errors go to stderr, results to stdout.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = threads(arguments.common.threads).and_then(|()| match &arguments.command {
+        Command::Run {
+            recipe,
+            capture,
+            out,
+            force,
+        } => run::run(recipe, capture, out, *force, &arguments.common),
+        Command::Check { capture } => run::check(capture),
+    });
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn threads(count: Option<u16>) -> Result<()> {
+    let Some(count) = count else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(usize::from(count))
+        .build_global()
+        .map_err(|e| Error::failed(format!("cannot start {count} threads: {e}")))
+}

@@ -1,0 +1,302 @@
+//! The limb in a strip: found to a pixel by comparing models, then to a fraction of one by a fit.
+//!
+//! Just inside the limb θo′ changes as the square root of the depth x, so a smooth B(α, θo′) is a
+//! polynomial in √x: B ≈ l₀ + l₁ √x + l₂ x + l₃ x^(3/2), next to a level background, integrated over each
+//! pixel. What tells the limb from the edge of a shadow (a sun's terminator) is that there B starts
+//! from the background with a finite slope: no step and no root.
+
+use image::{ImageBuffer, Luma};
+use imageproc::filter::horizontal_filter;
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+use super::strip::{Profile, Strip};
+
+/// Pixels of background that a decision looks at.
+const OUTSIDE: usize = 8;
+/// Pixels of surface that a decision looks at; at a radius of 400 px they span 15° of θo′.
+const INSIDE: usize = 12;
+/// How exactly the models describe a limb, relative to the contrast in the window.
+const MODEL_ERROR: f64 = 0.01;
+/// Least improvement of χ² of the limb model over those without a limb: 6σ, since a strip has
+/// hundreds of positions and there are 16 strips.
+const LEAST_GAIN: f64 = 36.0;
+
+/// A place where a strip may have its limb.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    /// Depth inside the predicted limb, pixels.
+    pub depth: f64,
+    /// χ² gained by assuming the limb there.
+    pub gain: f64,
+}
+
+/// Orthonormal bases of the competing models on a window, the edge's own pixel left out.
+pub(super) struct Detector {
+    limb: DMatrix<f64>,
+    shadow: DMatrix<f64>,
+    smooth: DMatrix<f64>,
+}
+
+impl Detector {
+    pub(super) fn new() -> Self {
+        let n = OUTSIDE + INSIDE;
+        // Depth of a pixel's centre inside the middle of the edge's own pixel.
+        let depth = |k: usize| {
+            if k < OUTSIDE {
+                k as f64 - OUTSIDE as f64
+            } else {
+                (k - OUTSIDE + 1) as f64
+            }
+        };
+        let build = |columns: &[&dyn Fn(f64) -> f64]| {
+            DMatrix::from_fn(n, columns.len(), |i, j| columns[j](depth(i)))
+                .qr()
+                .q()
+        };
+        let inside = |x: f64| x.max(0.0);
+        let t = |x: f64| x / INSIDE as f64;
+        Self {
+            limb: build(&[
+                &|x| if x < 0.0 { 1.0 } else { 0.0 },
+                &|x| if x > 0.0 { 1.0 } else { 0.0 },
+                &|x| inside(x).sqrt(),
+                &|x| inside(t(x)),
+            ]),
+            shadow: build(&[&|_| 1.0, &|x| inside(t(x)), &|x| inside(t(x)).powi(2)]),
+            smooth: build(&[&|_| 1.0, &t, &|x| t(x).powi(2), &|x| t(x).powi(3)]),
+        }
+    }
+
+    /// The best places for a limb in a profile, best first, at most three.
+    pub(super) fn candidates(&self, profile: &Profile) -> Vec<Candidate> {
+        let mut found: Vec<Candidate> = steepest(profile)
+            .into_iter()
+            .filter_map(|k| {
+                // The filter's peak may be a pixel off where the surface rises steeply.
+                (k.saturating_sub(1)..=k + 1)
+                    .filter_map(|k| self.judge(profile, k))
+                    .max_by(|a, b| a.gain.total_cmp(&b.gain))
+            })
+            .filter(|c| c.gain > LEAST_GAIN)
+            .collect();
+        found.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        found.dedup_by(|a, b| (a.depth - b.depth).abs() < 1.5);
+        found.truncate(3);
+        found
+    }
+
+    /// Compares the models with the limb inside pixel `k`.
+    fn judge(&self, profile: &Profile, k: usize) -> Option<Candidate> {
+        let outside = profile.value.get(k.checked_sub(OUTSIDE)?..k)?;
+        let inside = profile.value.get(k + 1..=k + INSIDE)?;
+        let window = DVector::from_iterator(
+            OUTSIDE + INSIDE,
+            outside.iter().chain(inside).map(|v| f64::from(*v)),
+        );
+        let (low, high) = (window.min(), window.max());
+        // Also false if a pixel is missing (NaN).
+        if !(window.sum().is_finite() && high > low) {
+            return None;
+        }
+        let centred = window.add_scalar(-window.mean());
+        let left = |basis: &DMatrix<f64>| {
+            (centred.norm_squared() - basis.tr_mul(&centred).norm_squared()).max(0.0)
+        };
+        let variance = profile.variance + (MODEL_ERROR * (high - low)).powi(2);
+        let limb = left(&self.limb) / variance;
+        let without = left(&self.shadow).min(left(&self.smooth)) / variance;
+        let freedom = (OUTSIDE + INSIDE - 4) as f64;
+        Some(Candidate {
+            depth: profile.first + k as f64,
+            gain: (without - limb) / (limb / freedom).max(1.0),
+        })
+    }
+}
+
+/// Pixels where the smoothed profile is locally steepest.
+fn steepest(profile: &Profile) -> Vec<usize> {
+    // Derivative of a Gaussian of 1.2 px: wider than a sharp limb, narrower than a blurred one.
+    let kernel: Vec<f32> = (-4..=4)
+        .map(|i| {
+            let x = i as f32 / 1.2;
+            x * (-0.5 * x * x).exp()
+        })
+        .collect();
+    let mut last = profile
+        .value
+        .iter()
+        .copied()
+        .find(|v| v.is_finite())
+        .unwrap_or(0.0);
+    let filled: Vec<f32> = profile
+        .value
+        .iter()
+        .map(|v| {
+            if v.is_finite() {
+                last = *v;
+            }
+            last
+        })
+        .collect();
+    let Some(picture) = ImageBuffer::<Luma<f32>, _>::from_raw(filled.len() as u32, 1, filled)
+    else {
+        return Vec::new();
+    };
+    if picture.width() == 0 {
+        return Vec::new();
+    }
+    let slope: Vec<f32> = horizontal_filter(&picture, &kernel)
+        .iter()
+        .map(|s| s.abs())
+        .collect();
+    (1..slope.len().saturating_sub(1))
+        .filter(|k| slope[*k] > 0.0 && slope[*k] >= slope[k - 1] && slope[*k] > slope[k + 1])
+        .collect()
+}
+
+/// Where the limb is, to a fraction of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Edge {
+    /// Depth inside the predicted limb, pixels.
+    pub depth: f64,
+    /// Standard deviation from noise, which averages over rows.
+    pub sigma: f64,
+    /// Standard deviation from the model's own error, which is the same in all rows.
+    pub sigma_model: f64,
+    /// Brightness just inside minus background, in its own standard deviations.
+    pub contrast: f64,
+}
+
+struct Sample {
+    depth: f64,
+    value: f64,
+    weight: f64,
+}
+
+/// Gauss–Newton on (edge, background, l₀ … l₃) over all pixels of the strip's lines about `start`, with
+/// Huber weights against dust.
+pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64, radius_px: f64) -> Option<Edge> {
+    let inside = (0.03 * radius_px).clamp(6.0, INSIDE as f64);
+    let mut samples = Vec::new();
+    for line in &strip.lines {
+        let from = (start - OUTSIDE as f64 - line.first).ceil().max(0.0) as usize;
+        let to = (start + inside - line.first).floor().max(0.0) as usize;
+        for k in from..(to + 1).min(line.value.len()) {
+            if line.variance[k].is_finite() {
+                samples.push(Sample {
+                    depth: line.first + k as f64,
+                    value: f64::from(line.value[k]),
+                    weight: f64::from(line.variance[k]),
+                });
+            }
+        }
+    }
+    if samples.len() < 12 {
+        return None;
+    }
+    let (low, high) = profile.range(start - OUTSIDE as f64, start + inside)?;
+    let floor = (0.3 * MODEL_ERROR * (high - low)).powi(2);
+    let mut systematic = 0.0;
+    for s in &mut samples {
+        s.weight = 1.0 / (s.weight.max(profile.pixel_variance) + floor);
+        systematic += floor * s.weight;
+        if !s.weight.is_finite() {
+            return None;
+        }
+    }
+
+    // Of the fit's variance, the share of the model's error does not shrink with the number of rows.
+    let systematic = systematic / samples.len() as f64 * strip.lines.len() as f64;
+    // How much of the contrast each power of √x may carry at the window's end; it matters only where noise
+    // would otherwise trade them against each other and against the edge.
+    let span = inside;
+    let bound = |power: i32, share: f64| (span.sqrt().powi(power) / (share * (high - low))).powi(2);
+    let prior = SVector::<f64, 6>::new(0.0, 0.0, 0.0, bound(1, 1.0), bound(2, 1.0), bound(3, 0.5));
+
+    let mut edge = start;
+    let mut levels = SVector::<f64, 5>::zeros();
+    let mut sigma = f64::INFINITY;
+    let mut contrast = 0.0;
+    for iteration in 0..12 {
+        let mut normal = SMatrix::<f64, 6, 6>::from_diagonal(&prior);
+        let mut right = SVector::<f64, 6>::zeros();
+        for j in 0..5 {
+            right[j + 1] = -prior[j + 1] * levels[j];
+        }
+        let mut chi = 0.0;
+        let mut total = 0.0;
+        for s in &samples {
+            let (basis, turn) = pixel(s.depth - edge, strip.slant);
+            let miss = s.value - basis.dot(&levels);
+            // The first pass has no levels yet: it solves for them alone, the edge held.
+            let d_edge = if iteration == 0 {
+                0.0
+            } else {
+                turn.dot(&levels)
+            };
+            let row =
+                SVector::<f64, 6>::new(d_edge, basis[0], basis[1], basis[2], basis[3], basis[4]);
+            let sigmas = miss.abs() * s.weight.sqrt();
+            let huber = if iteration > 1 && sigmas > 2.5 {
+                2.5 / sigmas
+            } else {
+                1.0
+            };
+            let w = s.weight * huber;
+            normal.ger(w, &row, &row, 1.0);
+            right += row * (w * miss);
+            chi += w * miss * miss;
+            total += huber;
+        }
+        if iteration == 0 {
+            normal[(0, 0)] = 1.0;
+        }
+        let inverse = normal.try_inverse()?;
+        let step = inverse * right;
+        let move_by = step[0].clamp(-0.7, 0.7);
+        edge += move_by;
+        levels += step.fixed_rows::<5>(1);
+        if iteration > 0 {
+            let worse = (chi / (total - 6.0).max(1.0)).max(1.0);
+            sigma = (inverse[(0, 0)] * worse).sqrt();
+            // Brightness one pixel inside minus background.
+            let one_in = SVector::<f64, 6>::new(0.0, -1.0, 1.0, 1.0, 1.0, 1.0);
+            let jump = levels.dot(&one_in.fixed_rows::<5>(1));
+            contrast = jump / ((one_in.transpose() * inverse * one_in)[0] * worse).sqrt();
+        }
+        if iteration > 2 && move_by.abs() < 1e-3 {
+            break;
+        }
+    }
+    (sigma.is_finite() && (edge - start).abs() < 3.0).then_some(Edge {
+        depth: edge,
+        sigma,
+        sigma_model: sigma * systematic.sqrt(),
+        contrast,
+    })
+}
+
+/// Background and l₀ … l₃ averaged over a pixel whose centre lies `depth` inside the limb (along the
+/// row; `slant` turns that into depth across the limb), and their derivative by the limb's depth.
+fn pixel(depth: f64, slant: f64) -> (SVector<f64, 5>, SVector<f64, 5>) {
+    let a = (depth - 0.5).max(0.0) * slant;
+    let b = (depth + 0.5).max(0.0) * slant;
+    let (root_a, root_b) = (a.sqrt(), b.sqrt());
+    let covered = (b - a) / slant;
+    let basis = SVector::<f64, 5>::new(
+        1.0 - covered,
+        covered,
+        (b * root_b - a * root_a) / (1.5 * slant),
+        0.5 * (b * b - a * a) / slant,
+        (b * b * root_b - a * a * root_a) / (2.5 * slant),
+    );
+    let crossed = f64::from(b > 0.0) - f64::from(a > 0.0);
+    let turn = SVector::<f64, 5>::new(
+        crossed,
+        -crossed,
+        root_a - root_b,
+        a - b,
+        a * root_a - b * root_b,
+    );
+    (basis, turn)
+}

@@ -1,0 +1,149 @@
+use super::*;
+use crate::geometry::test_photo::{Scene, alpha_error_deg, seen_from};
+
+fn look(scene: &Scene, pose: &Pose, orbit: f64) -> Outline {
+    find(
+        &scene.photo(pose, orbit, 7),
+        &scene.model(),
+        &scene.object,
+        Search::default(),
+    )
+    .unwrap()
+}
+
+#[test]
+fn an_object_off_its_place_is_found_in_a_single_photo() {
+    for shape in [Shape::Cylinder, Shape::Sphere] {
+        for off in [-0.1, -0.03, 0.0, 0.03, 0.1] {
+            let scene = Scene::new(shape, [960, 24]);
+            // Orbit 0.1 sees both suns at a slant: both limbs are lit.
+            let truth = seen_from(0.1, [0.0; 2], off * 0.05, 0.0);
+            let found = look(&scene, &truth, 0.1);
+            assert_eq!(found.status, Status::Both, "{shape:?} {off}");
+            let error = alpha_error_deg(&scene, &truth, &found.pose);
+            assert!(error < 0.05, "{shape:?} {off}: {error}°");
+        }
+    }
+}
+
+#[test]
+fn a_tilted_cylinder_is_found_over_a_tall_strip() {
+    for tilt_deg in [-5.0, 1.0, 3.0_f64] {
+        let mut scene = Scene::new(Shape::Cylinder, [960, 240]);
+        scene.background = 0.3;
+        let truth = seen_from(0.1, [0.0; 2], 0.001, tilt_deg.to_radians());
+        let found = look(&scene, &truth, 0.1);
+        // 0.05 px over half of 240 rows.
+        assert!(
+            (found.pose.tilt - truth.tilt).abs() < 5e-4,
+            "{tilt_deg}: {:?}",
+            found.pose
+        );
+        assert!(alpha_error_deg(&scene, &truth, &found.pose) < 0.05);
+    }
+}
+
+#[test]
+fn a_whole_sphere_shows_its_height_too() {
+    let mut scene = Scene::new(Shape::Sphere, [480, 480]);
+    scene.background = 1.5;
+    let mut truth = seen_from(0.1, [0.0; 2], 0.0015, 0.0);
+    truth.offset[2] = -0.002;
+    let found = look(&scene, &truth, 0.1);
+    let px = scene.model().metres_per_px();
+    assert_eq!(found.status, Status::Both);
+    for i in [1, 2] {
+        let error = (found.pose.offset[i] - truth.offset[i]) / px;
+        assert!(error.abs() < 0.2, "{i}: {error} px");
+    }
+}
+
+#[test]
+fn a_shadows_edge_is_not_taken_for_the_limb() {
+    // One sun, black background: the shadow begins inside the disc, where θo′ is 65° to 80°.
+    for shape in [Shape::Cylinder, Shape::Sphere] {
+        for from_sun in [-25.0, -20.0, -15.0, 15.0, 20.0, 25.0_f64] {
+            let mut scene = Scene::new(shape, [960, 24]);
+            scene.fill = 0.0;
+            scene.suns = vec![(from_sun.to_radians(), 3.0)];
+            let found = look(&scene, &Pose::nominal(), 0.0);
+            let lit = if from_sun > 0.0 {
+                Side::Right
+            } else {
+                Side::Left
+            };
+            assert_eq!(found.status, Status::Only(lit), "{shape:?} {from_sun}");
+            let error = alpha_error_deg(&scene, &Pose::nominal(), &found.pose);
+            assert!(error < 0.05, "{shape:?} {from_sun}: {error}°");
+        }
+    }
+}
+
+#[test]
+fn dust_and_missing_pixels_do_not_move_the_limb() {
+    let scene = Scene::new(Shape::Cylinder, [960, 48]);
+    let truth = seen_from(0.1, [0.0; 2], 0.001, 0.0);
+    let mut photo = scene.photo(&truth, 0.1, 1);
+    let clean = find(&photo, &scene.model(), &scene.object, Search::default()).unwrap();
+    let left = clean.limb[0].column as usize;
+    for row in 0..48 {
+        for column in left - 6..left + 6 {
+            let i = row * 960 + column;
+            if row % 9 == 0 {
+                photo.value[0][i] = 4.0;
+            } else if row % 7 == 0 {
+                photo.variance[0][i] = f32::INFINITY;
+                photo.value[0][i] = f32::NAN;
+            }
+        }
+    }
+    let dusty = find(&photo, &scene.model(), &scene.object, Search::default()).unwrap();
+    let moved = (dusty.centre_px[0] - clean.centre_px[0]).abs();
+    assert!(moved < 0.05, "{moved} px");
+}
+
+#[test]
+fn a_given_outline_reproduces_the_pose() {
+    for shape in [Shape::Cylinder, Shape::Sphere] {
+        let scene = Scene::new(shape, [960, 240]);
+        let truth = Pose {
+            offset: [0.0, 0.0013, 0.0],
+            radius_scale: 1.03,
+            ..Pose::nominal()
+        };
+        let g = ViewGeometry::new(&scene.model(), &scene.object, truth, 0.0);
+        let [l, r] = Side::BOTH.map(|s| g.limb_at_row(120.0, s).unwrap());
+        let hand = GivenOutline {
+            centre_px: [0.5 * (l + r), 120.0],
+            radius_px: 0.5 * (r - l),
+        };
+        let found = given(hand, &scene.model(), &scene.object).unwrap();
+        // Columns are good to 1e-9 px of 400 px.
+        assert!((found.pose.offset[1] - 0.0013).abs() < 1e-11);
+        assert!((found.pose.radius_scale - 1.03).abs() < 1e-10);
+        let bad = GivenOutline {
+            radius_px: -3.0,
+            ..hand
+        };
+        assert!(given(bad, &scene.model(), &scene.object).is_err());
+    }
+}
+
+#[test]
+fn odd_photos_are_survived() {
+    let scene = Scene::new(Shape::Sphere, [64, 3]);
+    let mut photo = scene.photo(&Pose::nominal(), 0.0, 0);
+    photo.variance[0].fill(f32::INFINITY);
+    let model = scene.model();
+    let outline = find(&photo, &model, &scene.object, Search::default()).unwrap();
+    assert_eq!(outline.status, Status::NotFound);
+    photo.value[0].truncate(5);
+    photo.variance[0].clear();
+    assert!(find(&photo, &model, &scene.object, Search::default()).is_ok());
+    photo.channels.clear();
+    photo.value.clear();
+    assert!(find(&photo, &model, &scene.object, Search::default()).is_ok());
+    let mut huge = scene.object.clone();
+    huge.radius = 1.0;
+    assert!(find(&photo, &model, &huge, Search::default()).is_err());
+}

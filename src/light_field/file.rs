@@ -1,0 +1,166 @@
+//! Light fields as EXR: float32, one channel per layer and colour, the axes in header attributes.
+
+use std::io::Cursor;
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, ImageAttributes,
+    IntegerBounds, Layer, LayerAttributes, SmallVec, Text, Vec2, WritableImage,
+};
+
+use super::LightField;
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+
+/// One part of an EXR file: named float32 planes of one size.
+#[derive(Clone, Debug, Default)]
+pub struct Part {
+    /// Name of the part.
+    pub name: String,
+    /// Width and height.
+    pub size: [usize; 2],
+    /// (channel name, row-major values).
+    pub planes: Vec<(String, Vec<f32>)>,
+    /// Text attributes of the header.
+    pub texts: Vec<(String, String)>,
+    /// Number attributes of the header.
+    pub numbers: Vec<(String, f32)>,
+}
+
+impl LightField {
+    /// The layers `mean`, `sigma` and `weight`, each with all channels.
+    pub fn part(&self, name: &str) -> Part {
+        let Grid { normals, locals } = self.grid;
+        let layers = [
+            ("mean", &self.mean),
+            ("sigma", &self.sigma),
+            ("weight", &self.weight),
+        ];
+        let planes = layers
+            .iter()
+            .flat_map(|(layer, values)| {
+                self.channels
+                    .iter()
+                    .zip(values.iter())
+                    .map(move |(c, v)| (format!("{layer}.{c}"), v.clone()))
+            })
+            .collect();
+        let texts = [
+            (
+                "columns",
+                "theta_o_local_deg = columnStartDeg + (j + 0.5) * columnStepDeg",
+            ),
+            ("rows", "alpha_deg = rowStartDeg + (i + 0.5) * rowStepDeg"),
+            (
+                "content",
+                "reflected light field B(alpha, theta_o'); weight 0 = never seen",
+            ),
+        ];
+        Part {
+            name: name.into(),
+            size: [locals, normals],
+            planes,
+            texts: texts.map(|(k, v)| (k.into(), v.into())).to_vec(),
+            numbers: vec![
+                ("columnStartDeg".into(), -90.0),
+                ("columnStepDeg".into(), 180.0 / locals as f32),
+                ("rowStartDeg".into(), -180.0),
+                ("rowStepDeg".into(), 360.0 / normals as f32),
+            ],
+        }
+    }
+}
+
+/// The bytes of an EXR file with the given parts, losslessly compressed.
+///
+/// # Errors
+/// If a plane does not have its part's size, or a name cannot be written in EXR.
+pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
+    let mut bounds = Vec2(1, 1);
+    let mut layers: SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]> = SmallVec::new();
+    for part in parts {
+        let [width, height] = part.size;
+        bounds = Vec2(bounds.0.max(width), bounds.1.max(height));
+        let mut channels = SmallVec::new();
+        for (name, values) in part.planes {
+            if values.len() != width * height {
+                return Err(Error::failed(format!(
+                    "plane {name} of {}: expected {width} × {height} values, found {}",
+                    part.name,
+                    values.len()
+                )));
+            }
+            channels.push(AnyChannel::new(text(&name)?, FlatSamples::F32(values)));
+        }
+        let mut attributes = LayerAttributes::named(text(&part.name)?);
+        for (key, value) in &part.texts {
+            attributes
+                .other
+                .insert(text(key)?, AttributeValue::Text(text(value)?));
+        }
+        for (key, value) in &part.numbers {
+            attributes
+                .other
+                .insert(text(key)?, AttributeValue::F32(*value));
+        }
+        let channels = AnyChannels::sort(channels);
+        layers.push(Layer::new(
+            Vec2(width, height),
+            attributes,
+            Encoding::SMALL_FAST_LOSSLESS,
+            channels,
+        ));
+    }
+    let image = Image {
+        attributes: ImageAttributes::new(IntegerBounds::from_dimensions(bounds)),
+        layer_data: layers,
+    };
+    let mut bytes = Cursor::new(Vec::new());
+    image
+        .write()
+        .to_buffered(&mut bytes)
+        .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))?;
+    Ok(bytes.into_inner())
+}
+
+fn text(value: &str) -> Result<Text> {
+    Text::new_or_none(value).ok_or_else(|| {
+        Error::failed(format!(
+            "the name {value:?} cannot be written in an EXR file"
+        ))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exr::prelude::read_first_flat_layer_from_file;
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let grid = Grid {
+            normals: 8,
+            locals: 5,
+        };
+        let mut field = LightField::empty(grid, vec!["R".into(), "560nm".into()]);
+        for (k, v) in field.mean[1].iter_mut().enumerate() {
+            *v = k as f32 * 0.1;
+        }
+        let bytes = encode(vec![field.part("light field")]).expect("encodes");
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("x.exr");
+        std::fs::write(&path, bytes).expect("writes");
+        let image = read_first_flat_layer_from_file(&path).expect("reads");
+        let layer = image.layer_data;
+        assert_eq!(layer.channel_data.list.len(), 6);
+        let mean = layer
+            .channel_data
+            .list
+            .iter()
+            .find(|c| c.name == Text::from("mean.560nm"))
+            .expect("the channel is there");
+        let values: Vec<f32> = mean.sample_data.values_as_f32().collect();
+        assert_eq!(values, field.mean[1]);
+        let start = layer.attributes.other.get(&Text::from("rowStartDeg"));
+        assert_eq!(start, Some(&AttributeValue::F32(-180.0)));
+    }
+}

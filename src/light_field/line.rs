@@ -1,0 +1,206 @@
+//! The measured line of one view: from its radiance to samples in columns of equal θo′.
+
+use crate::angle::{LocalAngle, WorldAngle, wrap};
+use crate::error::{Error, Result};
+use crate::geometry::{Side, ViewGeometry};
+use crate::radiance::Radiance;
+
+use super::columns::{Footprint, GAUSS_NODES, sample};
+use super::strip::{Station, along_line, along_rows};
+
+/// Slope of the line in the image below which it is taken to run along the rows: over an object of
+/// 1000 pixels it then leaves a row by less than one pixel, which the fit across the line follows.
+const LEVEL: f64 = 1e-3;
+/// Part of a sphere's half chord that may be averaged across the line: beyond it the fit by a
+/// parabola is no longer good to 1e-4.
+const CHORD: f64 = 0.12;
+
+/// One view's stations along the line where the measurement plane cuts the object.
+#[derive(Clone, Debug)]
+pub struct MeasuredLine {
+    /// Image position of each station, pixels, from the left limb to the right.
+    pub positions: Vec<[f64; 2]>,
+    /// The stations.
+    pub stations: Vec<Station>,
+    tangent: [f64; 2],
+}
+
+/// One view's samples in one channel and column.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewSample {
+    /// α, radians in [−π, π).
+    pub alpha: f64,
+    /// B.
+    pub value: f64,
+    /// Variance by the pixels' noise.
+    pub variance: f64,
+    /// dB/dθo′ along the view's line, per radian.
+    pub slope: f64,
+    /// Number of pixels behind it.
+    pub pixels: f32,
+}
+
+impl MeasuredLine {
+    /// Reads the line of a view; `reach` is the distance (pixels) to each side that is averaged.
+    ///
+    /// # Errors
+    /// If the line does not lie in the rows of `radiance`, or is shorter than a few pixels.
+    pub fn read(radiance: &Radiance, geometry: &ViewGeometry, reach: f64) -> Result<Self> {
+        let ends = Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel));
+        let [Some(left), Some(right)] = ends else {
+            return Err(Error::input("the camera is inside the object")
+                .key("camera.distance")
+                .advice("The distance runs from the camera's centre to the object's centre, and must exceed the radius."));
+        };
+        let along = [right[0] - left[0], right[1] - left[1]];
+        let length = along[0].hypot(along[1]);
+        if !(length >= 8.0) {
+            return Err(Error::input(format!(
+                "the object is {length:.1} pixels wide in the image, expected at least 8"
+            ))
+            .advice("Check radius, distance and focal length."));
+        }
+        let tangent = [along[0] / length, along[1] / length];
+        // On a sphere the surface curves away across the line, faster near the limb.
+        let chord = |position: [f64; 2]| {
+            let s = (position[0] - left[0]) * tangent[0] + (position[1] - left[1]) * tangent[1];
+            (s * (length - s)).max(0.0).sqrt()
+        };
+        let reach_at = |position: [f64; 2]| {
+            if geometry.is_sphere() {
+                reach.min(CHORD * chord(position)).max(1.0)
+            } else {
+                reach
+            }
+        };
+        let width = radiance.size[0] as usize;
+        if tangent[1].abs() < LEVEL && tangent[0] > 0.0 {
+            let first = left[0].ceil().max(0.0) as usize;
+            let last = (right[0].floor().max(0.0) as usize).min(width);
+            let positions: Vec<[f64; 2]> = (first..last)
+                .map(|u| {
+                    let x = u as f64 + 0.5;
+                    [x, left[1] + (x - left[0]) * tangent[1] / tangent[0]]
+                })
+                .collect();
+            let rows = f64::from(radiance.rows.start)..f64::from(radiance.rows.end);
+            if positions.is_empty() || !positions.iter().all(|p| rows.contains(&p[1])) {
+                return Err(line_not_in_image(left, right, radiance));
+            }
+            let stations = along_rows(radiance, first..last, |u| {
+                let position = positions[u - first];
+                (position[1], reach_at(position))
+            });
+            return Ok(Self {
+                positions,
+                stations,
+                tangent,
+            });
+        }
+        let count = (length - 1.0).floor() as usize;
+        let inside = |p: &[f64; 2]| {
+            p[0] >= 0.5
+                && p[0] <= width as f64 - 0.5
+                && p[1] >= f64::from(radiance.rows.start) + 0.5
+                && p[1] <= f64::from(radiance.rows.end) - 0.5
+        };
+        let positions: Vec<[f64; 2]> = (0..count)
+            .map(|k| {
+                let s = (length - (count - 1) as f64) / 2.0 + k as f64;
+                [left[0] + s * tangent[0], left[1] + s * tangent[1]]
+            })
+            .filter(inside)
+            .collect();
+        if positions.len() < 8 {
+            return Err(line_not_in_image(left, right, radiance));
+        }
+        let stations = along_line(radiance, &positions, tangent, |k| reach_at(positions[k]));
+        Ok(Self {
+            positions,
+            stations,
+            tangent,
+        })
+    }
+
+    /// One sample per channel and column: \[channel\]\[column\], `None` where the view did not see it.
+    /// `locals` are the columns' θo′ in increasing order, `bin` their width, `limb_cut` the largest |θo′|
+    /// (radians). `geometry` may differ from the one the line was read with by a shift along the line.
+    pub fn samples(
+        &self,
+        geometry: &ViewGeometry,
+        orbit: WorldAngle,
+        locals: &[LocalAngle],
+        bin: f64,
+        limb_cut: f64,
+    ) -> Vec<Vec<Option<ViewSample>>> {
+        // Along the line θo′ decreases; samples are taken in increasing θo′.
+        let (footprints, stations): (Vec<Footprint>, Vec<Station>) = self
+            .positions
+            .iter()
+            .zip(&self.stations)
+            .rev()
+            .filter_map(|(p, s)| Some((self.footprint(geometry, *p)?, s.clone())))
+            .unzip();
+        let channels = self.stations.first().map_or(0, |s| s.value.len());
+        (0..channels)
+            .map(|c| {
+                locals
+                    .iter()
+                    .map(|&local| {
+                        if local.rad().abs() > limb_cut || footprints.len() < 4 {
+                            return None;
+                        }
+                        let point = geometry.trace(local.rad())?;
+                        let found = sample(&stations, &footprints, c, local.rad(), bin)?;
+                        Some(ViewSample {
+                            alpha: wrap(orbit.rad() + point.alpha),
+                            value: found.value,
+                            variance: found.variance * found.shared,
+                            slope: found.slope,
+                            pixels: found.pixels as f32,
+                        })
+                    })
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// θo′ over the pixel at a station; `None` if any of it is off the object.
+    fn footprint(&self, geometry: &ViewGeometry, position: [f64; 2]) -> Option<Footprint> {
+        let at = |offset: f64| {
+            let p = [
+                position[0] + offset * self.tangent[0],
+                position[1] + offset * self.tangent[1],
+            ];
+            let sine = geometry.sin_local(p);
+            (sine.abs() < 1.0).then(|| sine.asin())
+        };
+        Some(Footprint {
+            ends: [at(0.5)?, at(-0.5)?],
+            nodes: [at(-GAUSS_NODES[0])?, at(0.0)?, at(GAUSS_NODES[0])?],
+        })
+    }
+}
+
+fn line_not_in_image(left: [f64; 2], right: [f64; 2], radiance: &Radiance) -> Error {
+    Error::input(format!(
+        "the measured line runs from ({:.1}, {:.1}) to ({:.1}, {:.1}) pixels, outside of the image of {} × {} pixels",
+        left[0], left[1], right[0], right[1], radiance.size[0], radiance.size[1]
+    ))
+    .advice("The photo must show the object's cross-section at the height of the principal point; check principal_point_px, focal length, distance and radius.")
+}
+
+/// |θo′| (radians) up to which samples are used unless the recipe says otherwise: where a pixel
+/// covers less than 1.5° of θo′, and at most 85°. Beyond, the samples' slopes are no longer resolved and
+/// an error of the centre of a hundredth of a pixel shows.
+pub fn automatic_limb_cut(geometry: &ViewGeometry) -> f64 {
+    const FOOTPRINT: f64 = 1.5;
+    const LARGEST: f64 = 85.0;
+    let [left, right] = Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel));
+    let pixel = match (left, right) {
+        (Some(l), Some(r)) => 2.0 / (r[0] - l[0]).hypot(r[1] - l[1]).max(2.0),
+        _ => 1.0,
+    };
+    let cosine = (pixel / FOOTPRINT.to_radians()).min(0.9);
+    cosine.acos().min(LARGEST.to_radians())
+}

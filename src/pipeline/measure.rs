@@ -1,0 +1,426 @@
+//! From a capture set to the light field: every photo is read once, strip by strip.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::preview::preview;
+use super::progress::Progress;
+use super::recipe::LightFieldOptions;
+use super::run::{Preview, ViewRecord};
+use crate::capture::{Capture, Projection, Shape};
+use crate::error::{Error, Result};
+use crate::geometry::outline::{self, Outline, Search};
+use crate::geometry::{CameraModel, Pose, Settled, Side, ViewGeometry, settle};
+use crate::grid::Grid;
+use crate::light_field::{
+    Gathered, LightField, MeasuredLine, Samples, Systematic, ViewSample, automatic_limb_cut,
+    gather, grid,
+};
+use crate::radiance::{self, Radiance};
+
+/// Rows above and below the cross-section that the outline is searched in, pixels.
+const OUTLINE_ROWS: f64 = 48.0;
+/// Distances from the cross-section that are tried for the averaging of rows, pixels.
+const REACHES: [f64; 12] = [
+    2.0, 3.0, 4.5, 6.5, 9.5, 14.0, 20.0, 30.0, 45.0, 65.0, 95.0, 140.0,
+];
+/// Largest elevation out of the plane that is averaged: of the view direction on a cylinder, of the
+/// normal on a sphere, radians.
+const ELEVATION: (f64, f64) = (0.026, 0.05);
+/// Change, relative to the largest radiance, that averaging more rows may make beyond the noise.
+const ROWS_BIAS: f64 = 1e-4;
+/// Error of both limbs' positions (pixels) that photos of one object share, however many they are: the brightness just
+/// inside the limb is not what the edge's model assumes. It shifts nothing, but changes the apparent radius.
+const LIMB_ERROR_PX: f64 = 0.03;
+/// Views that decide how many rows are averaged, and photos shown in the report.
+const PILOTS: usize = 3;
+const PREVIEWS: usize = 4;
+
+/// The measured light field and how it came about.
+#[derive(Debug)]
+pub struct Measured {
+    /// Samples at exact positions, for the recoveries.
+    pub samples: Samples,
+    /// Errors of the geometry that all samples have in common.
+    pub systematics: Vec<Systematic>,
+    /// The same on the grid, for people and files.
+    pub field: LightField,
+    /// |θo′| beyond which nothing was used, radians.
+    pub limb_cut: f64,
+    /// Distance from the cross-section up to which rows were averaged, pixels.
+    pub reach: f64,
+    /// What was found in each view.
+    pub views: Vec<ViewRecord>,
+    /// A few photos.
+    pub previews: Vec<Preview>,
+    /// Plain sentences.
+    pub warnings: Vec<String>,
+}
+
+/// One view after its photos were read.
+struct ReadView {
+    channels: Vec<String>,
+    outline: Outline,
+    line: MeasuredLine,
+    preview: Option<Preview>,
+}
+
+/// Measures the light field of a capture.
+///
+/// # Errors
+/// If a photo cannot be read or does not show the measured line, or channels differ between views.
+pub fn measure(
+    capture: &Capture,
+    options: &LightFieldOptions,
+    progress: &dyn Progress,
+) -> Result<Measured> {
+    let camera = CameraModel::new(&capture.camera)?;
+    let nominal = |view: usize| {
+        ViewGeometry::new(
+            &camera,
+            &capture.object,
+            Pose::nominal(),
+            capture.views[view].plane_roll,
+        )
+    };
+    let reach = match options.rows {
+        Some(rows) => rows as f64 / 2.0,
+        None => choose_reach(capture, &camera)?,
+    };
+    progress.stage("photos", capture.views.len());
+    let shown = spread(capture.views.len(), PREVIEWS);
+    let read: Vec<ReadView> = (0..capture.views.len())
+        .into_par_iter()
+        .map(|k| {
+            let view = read_view(capture, &camera, k, reach, shown.contains(&k));
+            progress.step();
+            view.map_err(|e| e.view(k).file(first_file(capture, k)))
+        })
+        .collect::<Result<_>>()?;
+    let channels = read[0].channels.clone();
+    if let Some(k) = read.iter().position(|v| v.channels != channels) {
+        return Err(Error::input(format!(
+            "expected the channels {} as in the first view, found {}",
+            channels.join(", "),
+            read[k].channels.join(", ")
+        ))
+        .view(k)
+        .file(first_file(capture, k)));
+    }
+
+    progress.stage("light field", capture.views.len());
+    let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
+    let settled = settle(&outlines, capture)?;
+    let poses = &settled.poses;
+    let limb_cut = match options.limb_cut_deg {
+        Some(degrees) => degrees.to_radians(),
+        None => automatic_limb_cut(&nominal(0)),
+    };
+    let cells = Grid {
+        normals: options.normals,
+        locals: options.locals,
+    };
+    let locals: Vec<_> = (0..cells.locals).map(|j| cells.local(j)).collect();
+    let geometries: Vec<ViewGeometry> = poses
+        .iter()
+        .zip(&capture.views)
+        .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
+        .collect();
+    let views: Vec<Vec<Vec<Option<ViewSample>>>> = read
+        .par_iter()
+        .zip(&geometries)
+        .zip(&capture.views)
+        .map(|((read, geometry), view)| {
+            progress.step();
+            read.line
+                .samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
+        })
+        .collect();
+    let outline_sigma: Vec<f64> = poses
+        .iter()
+        .map(|p| p.sigma_lateral / capture.object.radius)
+        .collect();
+    let Gathered {
+        samples,
+        pixels,
+        slopes,
+    } = gather(channels, &locals, &views, &outline_sigma);
+    let field = grid(&samples, cells, &pixels);
+    let systematics = systematics(&settled, capture, &geometries[0], &samples, &slopes);
+    let records = (0..read.len())
+        .map(|k| ViewRecord {
+            orbit_deg: capture.views[k].orbit.deg(),
+            file: first_file(capture, k),
+            centre_px: centre(&geometries[k]),
+            centre_sigma_px: poses[k].sigma_lateral * px_per_metre(&geometries[k]),
+            radius_px: half_width(&geometries[k]),
+            limbs_seen: outlines[k].sides(),
+            samples: views[k].first().map_or(0, |c| c.iter().flatten().count()),
+        })
+        .collect();
+    Ok(Measured {
+        warnings: warnings(capture, &outlines, poses, &samples),
+        samples,
+        systematics,
+        field,
+        limb_cut,
+        reach,
+        views: records,
+        previews: read.into_iter().filter_map(|v| v.preview).collect(),
+    })
+}
+
+/// `count` indices spread evenly over 0 … n−1.
+fn spread(n: usize, count: usize) -> Vec<usize> {
+    let mut all: Vec<usize> = (0..count.min(n)).map(|k| k * n / count.min(n)).collect();
+    all.dedup();
+    all
+}
+
+fn first_file(capture: &Capture, view: usize) -> String {
+    capture.views[view]
+        .photos
+        .first()
+        .map_or_else(String::new, |p| p.file.display().to_string())
+}
+
+/// Rows of the image that hold the outline's search band and the measured line.
+fn rows_needed(capture: &Capture, geometry: &ViewGeometry, reach: f64) -> Range<u32> {
+    let height = f64::from(capture.camera.image_size[1]);
+    let ends = Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel[1]));
+    let (Some(left), Some(right)) = (ends[0], ends[1]) else {
+        return 0..capture.camera.image_size[1];
+    };
+    let margin = reach.max(OUTLINE_ROWS) + 2.0;
+    let first = (left.min(right) - margin).floor().clamp(0.0, height);
+    let last = (left.max(right) + margin).ceil().clamp(0.0, height);
+    if last > first {
+        first as u32..last as u32
+    } else {
+        0..capture.camera.image_size[1]
+    }
+}
+
+fn find_outline(
+    capture: &Capture,
+    camera: &CameraModel,
+    view: usize,
+    radiance: &Radiance,
+) -> Result<Outline> {
+    match capture.views[view].outline {
+        Some(given) => outline::given(given, camera, &capture.object),
+        None => outline::find(radiance, camera, &capture.object, Search::default()),
+    }
+}
+
+fn read_view(
+    capture: &Capture,
+    camera: &CameraModel,
+    view: usize,
+    reach: f64,
+    shown: bool,
+) -> Result<ReadView> {
+    let roll = capture.views[view].plane_roll;
+    let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
+    let radiance = radiance::view(capture, view, rows_needed(capture, &nominal, reach))?;
+    let outline = find_outline(capture, camera, view, &radiance)?;
+    let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
+    let line = MeasuredLine::read(&radiance, &geometry, reach)?;
+    Ok(ReadView {
+        preview: shown.then(|| preview(view, &radiance, &geometry, reach)),
+        channels: radiance.channels,
+        outline,
+        line,
+    })
+}
+
+/// The largest distance from the cross-section over which averaging changes nothing but the noise:
+/// Lepski's rule, the estimate with more rows must agree with all those with fewer.
+fn choose_reach(capture: &Capture, camera: &CameraModel) -> Result<f64> {
+    let limit = reach_limit(capture, camera);
+    let candidates: Vec<f64> = REACHES
+        .into_iter()
+        .enumerate()
+        .filter(|&(i, r)| i == 0 || r <= limit)
+        .map(|(_, r)| r)
+        .collect();
+    let widest = candidates.last().copied().unwrap_or(REACHES[0]);
+    let chosen: Vec<f64> = spread(capture.views.len(), PILOTS)
+        .into_par_iter()
+        .map(|view| {
+            let place = |e: Error| e.view(view).file(first_file(capture, view));
+            let roll = capture.views[view].plane_roll;
+            let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
+            let rows = rows_needed(capture, &nominal, widest);
+            let radiance = radiance::view(capture, view, rows).map_err(place)?;
+            let outline = find_outline(capture, camera, view, &radiance).map_err(place)?;
+            let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
+            let lines: Vec<MeasuredLine> = candidates
+                .iter()
+                .map(|&reach| MeasuredLine::read(&radiance, &geometry, reach))
+                .collect::<Result<_>>()
+                .map_err(place)?;
+            let agreeing = (1..lines.len())
+                .take_while(|&i| (0..i).all(|m| agree(&lines[i], &lines[m], &geometry)))
+                .last()
+                .unwrap_or(0);
+            Ok(candidates[agreeing])
+        })
+        .collect::<Result<_>>()?;
+    Ok(chosen.into_iter().fold(f64::INFINITY, f64::min).min(widest))
+}
+
+/// Whether `wider` differs from `narrower` by no more than the latter's noise and [`ROWS_BIAS`].
+fn agree(wider: &MeasuredLine, narrower: &MeasuredLine, geometry: &ViewGeometry) -> bool {
+    let (mut difference, mut noise, mut largest, mut count) = (0.0, 0.0, 0.0f64, 0usize);
+    let pairs = wider
+        .stations
+        .iter()
+        .zip(&narrower.stations)
+        .zip(&wider.positions);
+    for ((a, b), position) in pairs {
+        // Near the limb the comparison is about footprints, not about rows.
+        if !(geometry.sin_local(*position).abs() < 0.97) {
+            continue;
+        }
+        for c in 0..a.value.len() {
+            if a.variance[c].is_finite() && b.variance[c].is_finite() {
+                difference += (a.value[c] - b.value[c]).powi(2);
+                noise += b.variance[c];
+                largest = largest.max(b.value[c].abs());
+                count += 1;
+            }
+        }
+    }
+    count == 0 || difference <= 1.2 * noise + count as f64 * (ROWS_BIAS * largest).powi(2)
+}
+
+/// Largest distance from the cross-section (pixels) that may be averaged.
+fn reach_limit(capture: &Capture, camera: &CameraModel) -> f64 {
+    let object_px = capture.object.radius / camera.metres_per_px();
+    match (capture.object.shape, capture.camera.projection) {
+        (Shape::Cylinder, Projection::Perspective { focal_px }) => focal_px * ELEVATION.0,
+        (Shape::Cylinder, Projection::Orthographic { .. }) => object_px,
+        (Shape::Sphere, _) => object_px * ELEVATION.1,
+    }
+}
+
+fn centre(geometry: &ViewGeometry) -> [f64; 2] {
+    match Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel)) {
+        [Some(l), Some(r)] => [(l[0] + r[0]) / 2.0, (l[1] + r[1]) / 2.0],
+        _ => [f64::NAN; 2],
+    }
+}
+
+fn half_width(geometry: &ViewGeometry) -> f64 {
+    match Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel)) {
+        [Some(l), Some(r)] => (r[0] - l[0]).hypot(r[1] - l[1]) / 2.0,
+        _ => f64::NAN,
+    }
+}
+
+fn px_per_metre(geometry: &ViewGeometry) -> f64 {
+    half_width(geometry) / geometry.radius()
+}
+
+/// The errors of the outline that all views share: where the object stands, and how large it looks. A
+/// shift by δ turns the normal seen in a pixel by δ/(R cos θo′), a radius wrong by the factor 1 + s by
+/// s tan θo′.
+fn systematics(
+    settled: &Settled,
+    capture: &Capture,
+    geometry: &ViewGeometry,
+    samples: &Samples,
+    slopes: &[Vec<Vec<f64>>],
+) -> Vec<Systematic> {
+    let radius = capture.object.radius;
+    let [x, y] = settled.sigma_displacement.map(|sigma| sigma / radius);
+    let constant = settled.sigma_constant / radius;
+    let scale = settled
+        .sigma_radius_scale
+        .max(LIMB_ERROR_PX / half_width(geometry));
+    let build = |name: &str, turn: &dyn Fn(f64, f64) -> f64| Systematic {
+        name: name.into(),
+        change: slopes
+            .iter()
+            .map(|columns| {
+                columns
+                    .iter()
+                    .zip(&samples.columns)
+                    .map(|(slopes, column)| {
+                        slopes
+                            .iter()
+                            .zip(&column.view)
+                            .map(|(slope, &view)| {
+                                let orbit = capture.views[view as usize].orbit.rad();
+                                slope * turn(column.local.rad(), orbit)
+                            })
+                            .collect()
+                    })
+                    .collect()
+            })
+            .collect(),
+    };
+    vec![
+        build("shift of the outline in all views", &|local, _| {
+            constant / local.cos()
+        }),
+        build(
+            "displacement of the object along the reference axis",
+            &|local, orbit| -x * orbit.sin() / local.cos(),
+        ),
+        build(
+            "displacement of the object across the reference axis",
+            &|local, orbit| y * orbit.cos() / local.cos(),
+        ),
+        build("apparent radius", &|local, _| scale * local.tan()),
+    ]
+}
+
+fn warnings(
+    capture: &Capture,
+    outlines: &[Outline],
+    poses: &[Pose],
+    samples: &Samples,
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let unseen = outlines
+        .iter()
+        .filter(|o| o.sides() == [false, false])
+        .count();
+    if unseen == outlines.len() {
+        warnings.push(
+            "No view shows the object's limb; the outline is the description's. A brighter or darker background lets it be found, or give it by hand with `outline`.".into(),
+        );
+    }
+    let radius = capture.object.radius;
+    let shift = poses
+        .iter()
+        .map(|p| p.offset[1].abs() / radius)
+        .fold(0.0, f64::max);
+    if shift > 0.02 {
+        warnings.push(format!(
+            "The object's centre is up to {:.1} % of its radius off the orbit's centre; the found outline was used.",
+            100.0 * shift
+        ));
+    }
+    let scale = poses.iter().map(|p| p.radius_scale - 1.0).sum::<f64>() / poses.len() as f64;
+    let sigma = poses
+        .iter()
+        .map(|p| p.sigma_radius_scale)
+        .fold(f64::INFINITY, f64::min);
+    if scale.abs() > 0.005 + 4.0 * sigma {
+        warnings.push(format!(
+            "The object looks {:.1} % {} than radius, distance and focal length say; the found outline was used. Check these three.",
+            100.0 * scale.abs(),
+            if scale > 0.0 { "larger" } else { "smaller" }
+        ));
+    }
+    for (c, name) in samples.channels.iter().enumerate() {
+        if samples.count(c) == 0 {
+            warnings.push(format!("Channel {name} has no usable pixel."));
+        }
+    }
+    warnings
+}

@@ -1,0 +1,361 @@
+//! The files that a run leaves, and the folder that holds them: each is whole or not there.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::run::Run;
+use crate::angle::WorldAngle;
+use crate::error::{Error, Result};
+use crate::light_field::encode;
+use crate::lighting::{
+    Lighting, Source, SpectrumRow, environment::write_lat_long, write_spectrum, write_values,
+};
+use crate::recover::lighting::LightingEstimate;
+
+/// Name of the file that tells which inputs and settings a folder was made from.
+const PROVENANCE: &str = "provenance.json";
+/// Version of the folder's layout.
+const FORMAT: u32 = 1;
+
+/// A file of a run: its name and what writes it to a path.
+pub struct Product<'a> {
+    /// Name in the output folder.
+    pub name: &'static str,
+    write: Box<dyn Fn(&Path) -> Result<()> + Send + Sync + 'a>,
+}
+
+impl<'a> Product<'a> {
+    fn new(name: &'static str, write: impl Fn(&Path) -> Result<()> + Send + Sync + 'a) -> Self {
+        Self {
+            name,
+            write: Box::new(write),
+        }
+    }
+
+    fn bytes(name: &'static str, bytes: impl Fn() -> Result<Vec<u8>> + Send + Sync + 'a) -> Self {
+        Self::new(name, move |path| {
+            fs::write(path, bytes()?).map_err(|e| Error::write(path, e))
+        })
+    }
+}
+
+/// The products that `run` has; `report` is the page.
+pub fn products<'a>(run: &'a Run, report: &'a str) -> Vec<Product<'a>> {
+    let mut products = vec![
+        Product::bytes("report.html", move || Ok(report.as_bytes().to_vec())),
+        Product::bytes("summary.json", move || Ok(pretty(&summary(run)))),
+        Product::bytes("recipe.toml", move || {
+            Ok(run.recipe_toml.clone().into_bytes())
+        }),
+        Product::bytes("capture.toml", move || {
+            Ok(run.capture_toml.clone().into_bytes())
+        }),
+        Product::bytes("light_field.exr", move || {
+            encode(vec![run.light_field.part("light field")])
+        }),
+    ];
+    if let Some(lighting) = &run.lighting {
+        products.extend(lighting_products(run, lighting));
+    }
+    if let Some(residual) = &run.residual {
+        products.push(Product::bytes("residual.exr", move || {
+            let mut parts = vec![residual.part("light field")];
+            parts.extend(run.view_residual.clone());
+            encode(parts)
+        }));
+    }
+    products
+}
+
+fn lighting_products<'a>(run: &'a Run, lighting: &'a LightingEstimate) -> Vec<Product<'a>> {
+    vec![
+        Product::new("lighting.csv", move |path| {
+            let values: Vec<Vec<f64>> = lighting.channels.iter().map(|c| c.table.clone()).collect();
+            let sigma: Vec<Vec<f64>> = lighting
+                .channels
+                .iter()
+                .map(|c| c.table_sigma.clone())
+                .collect();
+            write_values(path, &run.channels, &values, Some(&sigma))
+        }),
+        Product::new("lighting_spectrum.csv", move |path| {
+            let rows: Vec<SpectrumRow> = lighting
+                .channels
+                .iter()
+                .flat_map(|c| {
+                    c.spectrum.iter().enumerate().map(|(p, l)| SpectrumRow {
+                        channel: c.name.clone(),
+                        p,
+                        value: l.value,
+                        sigma: Some(l.sigma),
+                        status: l.status,
+                    })
+                })
+                .collect();
+            write_spectrum(path, &rows)
+        }),
+        Product::new("lighting.exr", move |path| {
+            write_lat_long(path, &as_lighting(run, lighting))
+        }),
+    ]
+}
+
+/// The estimate as a light that can be used again: smooth table and exact sources.
+fn as_lighting(run: &Run, estimate: &LightingEstimate) -> Lighting {
+    let smooth: Vec<_> = estimate.channels.iter().map(|c| c.smooth.clone()).collect();
+    let sources = estimate
+        .sources
+        .iter()
+        .enumerate()
+        .map(|(s, source)| Source {
+            theta: WorldAngle::degrees(source.theta_deg),
+            irradiance: estimate
+                .channels
+                .iter()
+                .map(|c| c.irradiance[s].max(0.0))
+                .collect(),
+        })
+        .collect();
+    let mut lighting = Lighting::from_series(run.channels.clone(), &smooth, 1440);
+    lighting.sources = sources;
+    lighting
+}
+
+fn pretty(value: &serde_json::Value) -> Vec<u8> {
+    let mut text = format!("{value:#}");
+    text.push('\n');
+    text.into_bytes()
+}
+
+/// All scalars of the run.
+fn summary(run: &Run) -> serde_json::Value {
+    let mut channels = Vec::new();
+    for (c, name) in run.channels.iter().enumerate() {
+        let mut channel = json!({
+            "name": name,
+            "coverage": run.light_field.coverage(c, run.limb_cut),
+        });
+        if let (Some(lighting), Some(object)) = (&run.lighting, channel.as_object_mut()) {
+            let l = &lighting.channels[c];
+            object.insert("residual_rms".into(), json!(l.residual_rms));
+            object.insert("residual_relative".into(), json!(l.residual_relative));
+            object.insert("chi2".into(), json!(l.chi2));
+            object.insert("determined_band".into(), json!(l.determined_band));
+            object.insert("regularisation".into(), json!(l.regularisation));
+            let total = std::f64::consts::TAU * l.spectrum.first().map_or(0.0, |p| p.value.re);
+            object.insert("total_irradiance".into(), json!(total));
+            let bound: Vec<Option<f64>> = l
+                .spectrum
+                .iter()
+                .map(|p| p.bound.is_finite().then_some(p.bound))
+                .collect();
+            object.insert("bound".into(), json!(bound));
+        }
+        channels.push(channel);
+    }
+    json!({
+        "format": FORMAT,
+        "program": "flatlight",
+        "version": run.version,
+        "title": run.title,
+        "capture": run.capture_name,
+        "recover": run.recover,
+        "radiance_unit": run.radiance_unit,
+        "views": run.views,
+        "limb_cut_deg": run.limb_cut.to_degrees(),
+        "channels": channels,
+        "sources": run.lighting.as_ref().map_or(&[][..], |l| &l.sources),
+        "findings": run.findings,
+        "warnings": run.warnings,
+        "stage_seconds": run.stage_seconds.iter().cloned().collect::<BTreeMap<_, _>>(),
+    })
+}
+
+/// What a folder was made from and what it holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Provenance {
+    format: u32,
+    program: String,
+    version: String,
+    /// blake3 of every input file.
+    inputs: BTreeMap<String, String>,
+    /// blake3 of the resolved recipe.
+    recipe: String,
+    /// blake3 of the resolved capture.
+    capture: String,
+    /// blake3 of every product.
+    products: BTreeMap<String, String>,
+}
+
+/// The output folder of a run.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    path: PathBuf,
+}
+
+/// What stands in an output folder before a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// Nothing, or what may be replaced.
+    Free,
+    /// The same run, complete: nothing is left to do.
+    Same,
+}
+
+impl Folder {
+    /// The folder at `path`, which need not exist yet.
+    pub fn new(path: &Path) -> Self {
+        Self {
+            path: path.to_path_buf(),
+        }
+    }
+
+    /// Looks whether a run with these inputs may be written here.
+    ///
+    /// # Errors
+    /// If the folder holds anything but the same run, unless `force` is set.
+    pub fn look(
+        &self,
+        inputs: &BTreeMap<String, String>,
+        recipe_toml: &str,
+        capture_toml: &str,
+        force: bool,
+    ) -> Result<Found> {
+        let entries = match fs::read_dir(&self.path) {
+            Ok(entries) => entries,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Found::Free),
+            Err(e) => return Err(Error::read(&self.path, e)),
+        };
+        let names: Vec<String> = entries
+            .filter_map(|e| e.ok().map(|e| e.file_name().to_string_lossy().into_owned()))
+            .filter(|name| !name.starts_with(STAGING))
+            .collect();
+        if names.is_empty() {
+            return Ok(Found::Free);
+        }
+        let held: Option<Provenance> = fs::read(self.path.join(PROVENANCE))
+            .ok()
+            .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        if !force
+            && let Some(held) = &held
+            && held.version == env!("CARGO_PKG_VERSION")
+            && held.format == FORMAT
+            && held.inputs == *inputs
+            && held.recipe == hash(recipe_toml.as_bytes())
+            && held.capture == hash(capture_toml.as_bytes())
+        {
+            let whole = held.products.iter().all(|(name, expected)| {
+                fs::read(self.path.join(name)).is_ok_and(|bytes| hash(&bytes) == *expected)
+            });
+            // The same run, damaged: it is made again over what is left of it.
+            return Ok(if whole { Found::Same } else { Found::Free });
+        }
+        if force {
+            return Ok(Found::Free);
+        }
+        let what = if held.is_some() {
+            "the folder holds a run of other photos or settings"
+        } else {
+            "the folder holds files that are not from this run"
+        };
+        Err(Error::input(what)
+            .file(&self.path)
+            .advice("Give another folder with --out, or --force to write into this one."))
+    }
+
+    /// Writes all products: first into a folder of their own beside the final names, then each to its
+    /// name, `provenance.json` last.
+    ///
+    /// # Errors
+    /// If a file cannot be written; nothing of the folder has changed then unless the renaming itself failed.
+    pub fn write(&self, run: &Run, report: &str) -> Result<()> {
+        fs::create_dir_all(&self.path).map_err(|e| Error::write(&self.path, e))?;
+        let staging = self.path.join(format!("{STAGING}-{}", std::process::id()));
+        let result = self.write_through(&staging, run, report);
+        // Left behind only if the process is killed; nothing reads it.
+        let removed = fs::remove_dir_all(&staging);
+        result?;
+        removed.map_err(|e| Error::write(&staging, e))
+    }
+
+    fn write_through(&self, staging: &Path, run: &Run, report: &str) -> Result<()> {
+        fs::create_dir_all(staging).map_err(|e| Error::write(staging, e))?;
+        let products = products(run, report);
+        let hashes: BTreeMap<String, String> = products
+            .par_iter()
+            .map(|product| {
+                let path = staging.join(product.name);
+                (product.write)(&path).map_err(|e| e.file(self.path.join(product.name)))?;
+                let bytes = fs::read(&path).map_err(|e| Error::write(&path, e))?;
+                flush(&path)?;
+                Ok((product.name.to_string(), hash(&bytes)))
+            })
+            .collect::<Result<_>>()?;
+        let provenance = Provenance {
+            format: FORMAT,
+            program: "flatlight".into(),
+            version: run.version.clone(),
+            inputs: run.input_hashes.clone(),
+            recipe: hash(run.recipe_toml.as_bytes()),
+            capture: hash(run.capture_toml.as_bytes()),
+            products: hashes,
+        };
+        let path = staging.join(PROVENANCE);
+        let text = serde_json::to_value(&provenance)
+            .map_err(|e| Error::failed(format!("provenance cannot be written as JSON: {e}")))?;
+        fs::write(&path, pretty(&text)).map_err(|e| Error::write(&path, e))?;
+        flush(&path)?;
+        // What an earlier run left and this one does not have must not be taken for its result.
+        let mut stale = vec![PROVENANCE];
+        stale.extend(
+            ALL_PRODUCTS
+                .iter()
+                .filter(|name| products.iter().all(|p| p.name != **name)),
+        );
+        for name in stale {
+            match fs::remove_file(self.path.join(name)) {
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(Error::write(&self.path.join(name), e));
+                }
+                _ => {}
+            }
+        }
+        for name in products.iter().map(|p| p.name).chain([PROVENANCE]) {
+            let target = self.path.join(name);
+            fs::rename(staging.join(name), &target).map_err(|e| Error::write(&target, e))?;
+        }
+        flush(&self.path)
+    }
+}
+
+/// Prefix of the folder in which products are written before they get their names.
+const STAGING: &str = ".flatlight-partial";
+
+/// Every name a product can have.
+const ALL_PRODUCTS: [&str; 9] = [
+    "report.html",
+    "summary.json",
+    "recipe.toml",
+    "capture.toml",
+    "light_field.exr",
+    "lighting.csv",
+    "lighting_spectrum.csv",
+    "lighting.exr",
+    "residual.exr",
+];
+
+fn hash(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
+}
+
+/// Forces a file or folder to the disk.
+fn flush(path: &Path) -> Result<()> {
+    fs::File::open(path)
+        .and_then(|f| f.sync_all())
+        .map_err(|e| Error::write(path, e))
+}

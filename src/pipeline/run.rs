@@ -1,0 +1,104 @@
+//! All that a run found, in memory: what is written to the output folder and what the report shows.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::light_field::{LightField, Part};
+use crate::recover::lighting::LightingEstimate;
+
+/// The results of one run.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Title of the report.
+    pub title: String,
+    /// `lighting`, `brdf`, `both` or `none`.
+    pub recover: String,
+    /// `capture.toml` as resolved.
+    pub capture_toml: String,
+    /// `recipe.toml` as resolved.
+    pub recipe_toml: String,
+    /// Name of the capture.
+    pub capture_name: String,
+    /// Channel names.
+    pub channels: Vec<String>,
+    /// Unit of radiance: `W m⁻² sr⁻¹`, or `relative`.
+    pub radiance_unit: String,
+    /// |θo′| beyond which samples were left out, radians.
+    pub limb_cut: f64,
+    /// What was found in each view.
+    pub views: Vec<ViewRecord>,
+    /// A few photos for the eye.
+    pub previews: Vec<Preview>,
+    /// The measured light field.
+    pub light_field: LightField,
+    /// Spectrum of the measured light field, per channel.
+    pub spectrum: Vec<Spectrum>,
+    /// Measured minus predicted light field; its σ and weight are the measurement's.
+    pub residual: Option<LightField>,
+    /// Measured minus predicted for each photo's strip, a row per view.
+    pub view_residual: Option<Part>,
+    /// The recovered lighting.
+    pub lighting: Option<LightingEstimate>,
+    /// Plain sentences: what to distrust and what to do about it.
+    pub warnings: Vec<String>,
+    /// Plain sentences: what can and what cannot be known from this capture.
+    pub findings: Vec<String>,
+    /// Seconds per stage, in order.
+    pub stage_seconds: Vec<(String, f64)>,
+    /// blake3 hash of every input file, by its name relative to the capture or recipe.
+    pub input_hashes: BTreeMap<String, String>,
+    /// Version of this program.
+    pub version: String,
+}
+
+/// What was found in one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewRecord {
+    /// Direction to the camera, degrees.
+    pub orbit_deg: f64,
+    /// First photo of the view, relative to the capture's folder.
+    pub file: String,
+    /// Centre of the outline used, pixels.
+    pub centre_px: [f64; 2],
+    /// Its standard deviation across the measured line, pixels.
+    pub centre_sigma_px: f64,
+    /// Half the width of the outline used, pixels.
+    pub radius_px: f64,
+    /// Whether the left and the right limb were seen in this photo.
+    pub limbs_seen: [bool; 2],
+    /// Number of samples that this view gave, over all columns, in the first channel.
+    pub samples: usize,
+}
+
+/// A photo made small, with the geometry to be drawn over it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Preview {
+    /// Index of the view.
+    pub view: usize,
+    /// Width and height of the preview, preview pixels.
+    pub size: [u32; 2],
+    /// sRGB bytes, row-major, 3 per pixel, tone-mapped for the eye.
+    pub rgb: Vec<u8>,
+    /// Photo pixels per preview pixel.
+    pub scale: f64,
+    /// The outline as polylines, preview pixels.
+    pub outline: Vec<Vec<[f64; 2]>>,
+    /// The line along which was measured, preview pixels.
+    pub measured_line: Vec<[f64; 2]>,
+    /// First and last photo row that was averaged, preview pixels.
+    pub measured_rows: [f64; 2],
+}
+
+/// Magnitudes of a light field's Fourier coefficients in α, over the columns.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spectrum {
+    /// Channel name.
+    pub channel: String,
+    /// Root mean square over θo′ of |B_p(θo′)|, for p = 0, 1, 2 ….
+    pub magnitude: Vec<f64>,
+    /// The value that noise alone would give.
+    pub noise_floor: Vec<f64>,
+    /// |B_{p,q}| as an image, \[p\]\[q + q_max\], for 0 ≤ p and −q_max ≤ q ≤ q_max.
+    pub image: Vec<Vec<f64>>,
+}

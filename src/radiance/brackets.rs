@@ -1,0 +1,255 @@
+//! What exposures of one view say of each other: errors of the exposure times, and the noise.
+
+use std::path::Path;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::merge::{Bracket, Measurement};
+use super::noise::Noise;
+use crate::error::{Error, Result};
+
+/// How far stated exposure times are off, as a standard deviation of their logarithm: shutters
+/// jitter by a few percent at worst, and the round numbers on the dial differ from the powers of
+/// two that cameras keep by up to 7 %.
+const TIME_ERROR: f64 = 0.03;
+
+/// A ratio of exposure times that is off by more than this (log) is no jitter but a mistake.
+const TIME_MISTAKE: f64 = 0.2;
+
+/// The least number of pixels that two exposures share before they are compared.
+const SHARED: usize = 64;
+
+/// Pixels of similar brightness from which one variance is taken.
+const BIN: usize = 512;
+
+/// Factors by which the stated exposure times are to be multiplied, one per exposure, from the
+/// ratios of the pixels that two successive exposures both show well. Their common factor cannot
+/// be seen: the mean of their logarithms is 0.
+///
+/// # Errors
+/// A ratio is so far off that the times must be wrong or swapped. `files` names the photos.
+pub(super) fn time_factors(planes: &[Bracket<'_>], files: &[&Path]) -> Result<Vec<f64>> {
+    let seconds = planes
+        .first()
+        .map(|p| p.seconds.clone())
+        .unwrap_or_default();
+    let n = seconds.len();
+    let expected: Vec<Vec<f32>> = planes.iter().map(Bracket::expected).collect();
+    let order = by_time(&seconds);
+    let mut matrix = DMatrix::<f64>::identity(n, n) / (TIME_ERROR * TIME_ERROR);
+    let mut right = DVector::<f64>::zeros(n);
+    for pair in order.windows(2) {
+        let &[short, long] = pair else { continue };
+        let Some((ratio, sigma)) = log_ratio(planes, &expected, short, long) else {
+            continue;
+        };
+        if ratio.abs() > TIME_MISTAKE + 4.0 * sigma {
+            let name = |i: usize| {
+                files
+                    .get(i)
+                    .map(|f| f.display().to_string())
+                    .unwrap_or_default()
+            };
+            return Err(Error::input(format!(
+                "expected \"{}\" to show the same light per second as \"{}\", found {:.2} times the \
+                 light per second",
+                name(long),
+                name(short),
+                ratio.exp()
+            ))
+            .advice(
+                "Check exposure_s of both (swapped?), the black level and the encoding; \
+                 automatic gain must be off.",
+            ));
+        }
+        let weight = 1.0 / (sigma * sigma);
+        for (i, j, sign) in [
+            (short, short, 1.0),
+            (long, long, 1.0),
+            (short, long, -1.0),
+            (long, short, -1.0),
+        ] {
+            matrix[(i, j)] += sign * weight;
+        }
+        right[long] += weight * ratio;
+        right[short] -= weight * ratio;
+    }
+    Ok(match matrix.cholesky() {
+        Some(solver) => solver.solve(&right).iter().map(|c| c.exp()).collect(),
+        None => vec![1.0; n],
+    })
+}
+
+/// Indices of the exposures, the shortest first.
+pub(super) fn by_time(seconds: &[f64]) -> Vec<usize> {
+    let mut order: Vec<(usize, f64)> = seconds.iter().copied().enumerate().collect();
+    order.sort_by(|a, b| a.1.total_cmp(&b.1));
+    order.into_iter().map(|(i, _)| i).collect()
+}
+
+/// Log of the ratio (long over short) of the radiances that two exposures show, and its σ; `None`
+/// if they share too little.
+///
+/// Both sums run over the same pixels, chosen by their expected signal, so that noise does not
+/// choose them and the ratio of the sums is unbiased.
+fn log_ratio(
+    planes: &[Bracket<'_>],
+    expected: &[Vec<f32>],
+    short: usize,
+    long: usize,
+) -> Option<(f64, f64)> {
+    let mut sums = [0.0; 2];
+    let mut variances = [0.0; 2];
+    let mut count = 0;
+    for (plane, expected) in planes.iter().zip(expected) {
+        for (_, measured, variance) in shared(plane, expected, short, long) {
+            count += 1;
+            for (k, m) in measured.into_iter().enumerate() {
+                sums[k] += m.signal / m.reach;
+                variances[k] += variance[k] / (m.reach * m.reach);
+            }
+        }
+    }
+    if count < SHARED || sums[0] <= 0.0 || sums[1] <= 0.0 {
+        return None;
+    }
+    let variance = variances[0] / (sums[0] * sums[0]) + variances[1] / (sums[1] * sums[1]);
+    // Nothing about a camera is stable to better than a part in ten thousand.
+    Some(((sums[1] / sums[0]).ln(), (variance + 1e-8).sqrt()))
+}
+
+/// Pixels that two exposures both show well, by their expected signal: their index, measurements
+/// and expected variances (rounding only if the noise is not known).
+pub(super) fn shared<'a>(
+    plane: &'a Bracket<'_>,
+    expected: &'a [f32],
+    short: usize,
+    long: usize,
+) -> impl Iterator<Item = (usize, [Measurement; 2], [f64; 2])> {
+    let white = plane
+        .exposures
+        .get(long)
+        .and_then(|e| e.levels.get(plane.channel))
+        .map_or(f64::INFINITY, |levels| levels.white);
+    let largest = expected
+        .iter()
+        .filter(|e| e.is_finite())
+        .fold(0.0, |a: f64, &e| a.max(e.into()));
+    expected.iter().enumerate().filter_map(move |(i, &e)| {
+        let [s, l] = both(plane, i, short, long)?;
+        let signal = [s, l].map(|m| f64::from(e) * m.reach);
+        let variance = [(s, signal[0]), (l, signal[1])]
+            .map(|(m, p)| m.rounding + plane.noise.map_or(0.0, |n| n.variance(p)));
+        let usable = match plane.noise {
+            Some(_) => {
+                signal[1] + 4.0 * variance[1].sqrt() < white
+                    && signal[0] > 10.0 * variance[0].sqrt()
+            }
+            None => {
+                let brightest = white.min(largest * l.reach);
+                signal[1] < 0.9 * brightest && signal[0] > 0.01 * brightest
+            }
+        };
+        usable.then_some((i, [s, l], variance))
+    })
+}
+
+/// A pixel's measurements in two exposures, if it is unclipped in both.
+fn both(plane: &Bracket<'_>, pixel: usize, short: usize, long: usize) -> Option<[Measurement; 2]> {
+    let mut found = [None; 2];
+    for m in plane.measurements(pixel) {
+        if m.exposure == short {
+            found[0] = Some(m);
+        } else if m.exposure == long {
+            found[1] = Some(m);
+        }
+    }
+    Some([found[0]?, found[1]?])
+}
+
+/// Shot and read noise from the scatter between successive exposures, `None` if they share too
+/// little.
+///
+/// With q the ratio of their reaches (short over long), d = s_short − q s_long has the mean 0 and
+/// the variance shot · p (1 + q) + read · (1 + q²) where p is the expected signal of the short
+/// one: a straight line in p for each pair, fitted over bins of p.
+pub(super) fn noise(plane: &Bracket<'_>) -> Option<Noise> {
+    let expected = plane.expected();
+    let order = by_time(&plane.seconds);
+    // Normal equations of the weighted fit of [shot, read].
+    let (mut aa, mut ab, mut bb, mut ay, mut by, mut bins) = (0.0, 0.0, 0.0, 0.0, 0.0, 0);
+    for pair in order.windows(2) {
+        let &[short, long] = pair else { continue };
+        let white = plane.exposures.get(long)?.levels.get(plane.channel)?.white;
+        let mut samples: Vec<[f64; 4]> = expected
+            .iter()
+            .enumerate()
+            .filter_map(|(i, &e)| {
+                let [s, l] = both(plane, i, short, long)?;
+                let q = s.reach / l.reach;
+                let kept = f64::from(e) * l.reach < 0.9 * white;
+                kept.then_some([
+                    f64::from(e) * s.reach,
+                    s.signal - q * l.signal,
+                    s.rounding + q * q * l.rounding,
+                    q,
+                ])
+            })
+            .collect();
+        samples.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        for bin in samples.chunks_exact(BIN) {
+            let mean = |k: usize| bin.iter().map(|s| s[k]).sum::<f64>() / BIN as f64;
+            let (p, q) = (mean(0).max(0.0), mean(3));
+            let total = scatter(bin.iter().map(|s| s[1]));
+            let excess = total - mean(2);
+            let (a, b) = (p * (1.0 + q), 1.0 + q * q);
+            // The variance of a variance is proportional to its square.
+            let weight = 1.0 / (total * total);
+            if weight.is_finite() {
+                aa += weight * a * a;
+                ab += weight * a * b;
+                bb += weight * b * b;
+                ay += weight * a * excess;
+                by += weight * b * excess;
+                bins += 1;
+            }
+        }
+    }
+    if bins < 4 {
+        return None;
+    }
+    let determinant = aa * bb - ab * ab;
+    let both = (
+        (bb * ay - ab * by) / determinant,
+        (aa * by - ab * ay) / determinant,
+    );
+    let (shot, read) = match both {
+        (shot, read) if shot >= 0.0 && read >= 0.0 => (shot, read),
+        (shot, _) if shot >= 0.0 => ((ay / aa).max(0.0), 0.0),
+        _ => (0.0, (by / bb).max(0.0)),
+    };
+    (shot.is_finite() && read.is_finite()).then_some(Noise { shot, read })
+}
+
+/// Variance without the far outliers that moved edges and dust make: values beyond four standard
+/// deviations are dropped, three times over.
+fn scatter(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let moments = |limit: Option<(f64, f64)>| {
+        let kept = values
+            .clone()
+            .filter(|x| limit.is_none_or(|(mean, sd)| (x - mean).abs() <= 4.0 * sd));
+        let (n, sum, squares) =
+            kept.fold((0.0, 0.0, 0.0), |(n, s, q), x| (n + 1.0, s + x, q + x * x));
+        let mean = sum / n;
+        (
+            mean,
+            (squares / n - mean * mean).max(0.0) * n / (n - 1.0_f64).max(1.0),
+        )
+    };
+    let mut limit = None;
+    for _ in 0..3 {
+        let (mean, variance) = moments(limit);
+        limit = Some((mean, variance.sqrt()));
+    }
+    moments(limit).1
+}

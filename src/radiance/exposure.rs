@@ -1,0 +1,215 @@
+//! One photo as signal: linear, above black, without clipped pixels.
+
+use std::ops::Range;
+
+use super::calibration;
+use super::noise::Levels;
+use super::response::{Response, rounding};
+use crate::capture::{Capture, Photo as Shot};
+use crate::error::{Error, Result};
+use crate::photo::{self, Photo, Storage};
+
+/// The signal of one photo's rows.
+pub(super) struct Exposure {
+    /// Exposure time, seconds.
+    pub seconds: f64,
+    /// Channel names.
+    pub channels: Vec<String>,
+    /// How the file stores its values.
+    pub storage: Storage,
+    /// Signal, \[channel\]\[pixel\]; NaN where it is clipped or absent.
+    pub signal: Vec<Vec<f32>>,
+    /// Variance of the signal by rounding, \[channel\]\[pixel\].
+    pub rounding: Vec<Vec<f32>>,
+    /// Levels by channel.
+    pub levels: Vec<Levels>,
+    /// How stored values became linear.
+    pub response: Response,
+}
+
+impl Exposure {
+    /// Reads some rows of a photo.
+    ///
+    /// # Errors
+    /// The photo cannot be read, or has not the camera's image size.
+    pub(super) fn read(capture: &Capture, shot: &Shot, rows: &Range<u32>) -> Result<Self> {
+        let path = capture.folder.join(&shot.file);
+        let photo = photo::read(&path, Some(rows.clone()))?;
+        if photo.size != capture.camera.image_size {
+            let [w, h] = capture.camera.image_size;
+            return Err(Error::input(format!(
+                "expected {w} x {h} pixels, found {} x {}",
+                photo.size[0], photo.size[1]
+            ))
+            .file(path)
+            .advice("All photos of a capture have the size that camera.image_size says."));
+        }
+        let response = match &capture.sensor.encoding {
+            Some(encoding) => Response::of(encoding, &capture.folder)?,
+            None => Response::by_storage(photo.storage),
+        };
+        let seconds = match shot.exposure_s {
+            Some(seconds) => seconds,
+            None => photo::info(&path)?.shot.exposure_s.unwrap_or(1.0),
+        };
+        let dark = calibration::dark(capture, rows)?;
+        Self::linearise(capture, photo, response, seconds, dark.as_ref())
+    }
+
+    fn linearise(
+        capture: &Capture,
+        photo: Photo,
+        response: Response,
+        seconds: f64,
+        dark: Option<&Photo>,
+    ) -> Result<Self> {
+        let storage = photo.storage;
+        let mut signal = photo.values;
+        let brightest = match storage {
+            Storage::SharedExponent => Some(brightest(&signal)),
+            _ => None,
+        };
+        let mut rounding_variance = Vec::with_capacity(signal.len());
+        let mut levels = Vec::with_capacity(signal.len());
+        let step = code_step(&signal, storage);
+        for (c, plane) in signal.iter_mut().enumerate() {
+            let level = Levels::of(&capture.sensor, &response, c, storage)?;
+            let dark = dark.and_then(|d| d.values.get(c).or(d.values.first()));
+            let curve = Curve::new(&response, c, storage);
+            let least = least_rounding(plane, storage);
+            let mut variance = vec![0.0; plane.len()];
+            let white = level.white_stored as f32;
+            if response == Response::Linear && dark.is_none() && brightest.is_none() {
+                let black = level.black as f32;
+                for (x, variance) in plane.iter_mut().zip(&mut variance) {
+                    let unclipped = *x < white;
+                    *variance = if unclipped {
+                        (step * rounding(*x, storage)).max(least)
+                    } else {
+                        f32::INFINITY
+                    };
+                    *x = if unclipped { *x - black } else { f32::NAN };
+                }
+            } else {
+                for (i, (x, variance)) in plane.iter_mut().zip(&mut variance).enumerate() {
+                    let stored = *x;
+                    if stored.is_nan() || stored >= white {
+                        *x = f32::NAN;
+                        *variance = f32::INFINITY;
+                        continue;
+                    }
+                    let (linear, slope) = curve.at(stored);
+                    let black = match dark.and_then(|d| d.get(i)) {
+                        Some(&dark) => curve.at(dark).0,
+                        None => level.black as f32,
+                    };
+                    *x = linear - black;
+                    let largest = brightest.as_ref().and_then(|b| b.get(i)).copied();
+                    let stored_variance =
+                        (step * rounding(largest.unwrap_or(stored), storage)).max(least);
+                    *variance = stored_variance * slope * slope;
+                }
+            }
+            rounding_variance.push(variance);
+            levels.push(level);
+        }
+        Ok(Self {
+            seconds,
+            channels: photo.channels,
+            storage,
+            signal,
+            rounding: rounding_variance,
+            levels,
+            response,
+        })
+    }
+}
+
+/// Square of the step between the codes that occur: sensors of 12 or 14 bits are often stored in the
+/// upper bits of 16, which leaves the lower ones 0 in every pixel.
+fn code_step(planes: &[Vec<f32>], storage: Storage) -> f32 {
+    let Storage::Integer { max: 256.. } = storage else {
+        return 1.0;
+    };
+    let mut bits = 0_u32;
+    for plane in planes {
+        for &value in plane {
+            bits |= value as u32;
+            if bits & 1 == 1 {
+                return 1.0;
+            }
+        }
+    }
+    let step = (1_u32 << bits.trailing_zeros().min(8)) as f32;
+    step * step
+}
+
+/// The brightest channel by pixel.
+fn brightest(planes: &[Vec<f32>]) -> Vec<f32> {
+    let mut brightest = planes.first().cloned().unwrap_or_default();
+    for plane in planes {
+        brightest
+            .iter_mut()
+            .zip(plane)
+            .for_each(|(b, v)| *b = b.max(*v));
+    }
+    brightest
+}
+
+/// The least variance of rounding of any pixel of a plane. Floating point has ever finer steps
+/// towards 0, but sums and resampling before the file was written were rounded at the picture's own
+/// scale: no pixel is known better than the steps at a thousandth of the brightest.
+fn least_rounding(plane: &[f32], storage: Storage) -> f32 {
+    if let Storage::Integer { .. } = storage {
+        return 0.0;
+    }
+    let finite = plane.iter().filter(|v| v.is_finite());
+    let largest = finite.fold(0.0_f32, |a, v| a.max(v.abs()));
+    rounding(largest / 1000.0, storage).max(f32::MIN_POSITIVE)
+}
+
+/// A response with its values at every integer code at hand.
+struct Curve<'a> {
+    response: &'a Response,
+    channel: usize,
+    storage: Storage,
+    codes: Vec<(f32, f32)>,
+}
+
+impl<'a> Curve<'a> {
+    fn new(response: &'a Response, channel: usize, storage: Storage) -> Self {
+        let pair = |v: f64| {
+            let (linear, slope) = response.decode(v, channel, storage);
+            (linear as f32, slope as f32)
+        };
+        let codes = match storage {
+            Storage::Integer { max } if max <= 0xffff && *response != Response::Linear => {
+                (0..=max).map(|v| pair(f64::from(v))).collect()
+            }
+            _ => Vec::new(),
+        };
+        Self {
+            response,
+            channel,
+            storage,
+            codes,
+        }
+    }
+
+    fn at(&self, stored: f32) -> (f32, f32) {
+        if *self.response == Response::Linear {
+            return (stored, 1.0);
+        }
+        // Dark frames are means of many and need not be whole.
+        if let Some(&pair) = self.codes.get(stored as usize)
+            && stored.fract() == 0.0
+            && stored >= 0.0
+        {
+            return pair;
+        }
+        let (linear, slope) = self
+            .response
+            .decode(f64::from(stored), self.channel, self.storage);
+        (linear as f32, slope as f32)
+    }
+}

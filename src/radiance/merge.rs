@@ -1,0 +1,280 @@
+//! Exposures of one view to one radiance per pixel, each weighted by the inverse of its expected
+//! variance.
+//!
+//! Weights, variances and the decision whether an exposure is near clipping come from the expected
+//! signal of a pixel, never from the noisy value itself: a value that is low by chance would get
+//! more weight and a smaller variance, and one that is high by chance would be dropped as clipped.
+//! (M. Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010, iterate
+//! on each pixel's own estimate; the neighbours' help removes the bias that is left by it.)
+
+use std::ops::Range;
+
+use super::Radiance;
+use super::brackets;
+use super::calibration;
+use super::exposure::Exposure;
+use super::motion;
+use super::noise::Noise;
+use super::smooth;
+use crate::capture::{Capture, View};
+use crate::error::{Error, Result};
+
+/// How far, in standard deviations, a pixel's expected signal stays away from where it would be
+/// clipped: closer, the exposures that happen to be unclipped are low by selection (at 3σ by
+/// 0.004σ).
+const CLIP_MARGIN: f64 = 3.0;
+
+/// Linear radiance of some rows of a view, from all its exposures.
+///
+/// Reads each photo's rows, linearises them, solves for small errors of the stated exposure times,
+/// estimates the noise from the brackets if the capture does not state it, and merges. A pixel
+/// that is clipped or absent in all photos has an infinite variance and the value 0.
+///
+/// # Errors
+/// There is no such view; a photo cannot be read or differs from the others in size, channels or
+/// storage; the sensor's description is incomplete; the exposure times contradict the pixels; the
+/// camera moved between exposures.
+pub fn view(capture: &Capture, index: usize, rows: Range<u32>) -> Result<Radiance> {
+    let view = capture.views.get(index).ok_or_else(|| {
+        Error::input(format!(
+            "expected one of {} views, found the number {index}",
+            capture.views.len()
+        ))
+    })?;
+    of_view(capture, view, rows).map_err(|error| error.view(index))
+}
+
+fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Radiance> {
+    let mut exposures = Vec::with_capacity(view.photos.len());
+    for photo in &view.photos {
+        exposures.push(Exposure::read(capture, photo, &rows)?);
+    }
+    let first = exposures
+        .first()
+        .ok_or_else(|| Error::input("expected at least one photo, found none"))?;
+    for (other, photo) in exposures.iter().zip(&view.photos).skip(1) {
+        if other.channels != first.channels || other.storage != first.storage {
+            return Err(Error::input(format!(
+                "expected the channels {} stored as {:?}, as in the view's first photo, found {} as {:?}",
+                first.channels.join(","),
+                first.storage,
+                other.channels.join(","),
+                other.storage
+            ))
+            .file(capture.folder.join(&photo.file)));
+        }
+    }
+    let channels = first.channels.clone();
+    let illumination = calibration::illumination(
+        capture,
+        &rows,
+        channels.len(),
+        first.storage,
+        &first.response,
+    )?;
+    let width = capture.camera.image_size[0] as usize;
+    let files: Vec<_> = view
+        .photos
+        .iter()
+        .map(|photo| photo.file.as_path())
+        .collect();
+
+    let mut planes: Vec<Bracket<'_>> = (0..channels.len())
+        .map(|channel| Bracket {
+            exposures: &exposures,
+            channel,
+            seconds: exposures.iter().map(|e| e.seconds).collect(),
+            illumination: illumination
+                .as_ref()
+                .and_then(|i| i.get(channel))
+                .map(Vec::as_slice),
+            noise: first.levels.get(channel).and_then(|l| l.noise),
+            width,
+        })
+        .collect();
+    if exposures.len() > 1 {
+        let factors = brackets::time_factors(&planes, &files)?;
+        for plane in &mut planes {
+            for (seconds, factor) in plane.seconds.iter_mut().zip(&factors) {
+                *seconds *= factor;
+            }
+            if plane.noise.is_none() {
+                plane.noise = brackets::noise(plane);
+            }
+        }
+    }
+    let noise_known = planes.iter().all(|plane| plane.noise.is_some());
+    let (value, variance) = match exposures.as_slice() {
+        [only] if !noise_known => planes.iter().map(|plane| plane.scale(only)).unzip(),
+        _ => {
+            let expected: Vec<Vec<f32>> = planes.iter().map(Bracket::expected).collect();
+            motion::check(&planes, &expected, &files)?;
+            planes
+                .iter()
+                .zip(&expected)
+                .map(|(plane, expected)| plane.merge(expected))
+                .unzip()
+        }
+    };
+    Ok(Radiance {
+        size: capture.camera.image_size,
+        rows,
+        channels,
+        value,
+        variance,
+        noise_known,
+    })
+}
+
+/// One channel of all exposures of a view.
+pub(super) struct Bracket<'a> {
+    pub exposures: &'a [Exposure],
+    pub channel: usize,
+    /// Exposure times, corrected where they have been solved for.
+    pub seconds: Vec<f64>,
+    /// Relative illumination by pixel, 1 if `None`.
+    pub illumination: Option<&'a [f32]>,
+    /// Noise of the signal, if it is known.
+    pub noise: Option<Noise>,
+    /// Pixels in a row.
+    pub width: usize,
+}
+
+/// One exposure's measurement of one pixel.
+#[derive(Clone, Copy)]
+pub(super) struct Measurement {
+    /// Signal; its expectation is `reach` times the radiance.
+    pub signal: f64,
+    /// Signal per unit of radiance: f t, and the absolute scale if there is one.
+    pub reach: f64,
+    /// Variance by rounding.
+    pub rounding: f64,
+    /// Index of the exposure.
+    pub exposure: usize,
+}
+
+impl Bracket<'_> {
+    pub(super) fn pixels(&self) -> usize {
+        self.exposures
+            .first()
+            .and_then(|e| e.signal.get(self.channel))
+            .map_or(0, Vec::len)
+    }
+
+    /// The unclipped measurements of a pixel.
+    pub(super) fn measurements(&self, pixel: usize) -> impl Iterator<Item = Measurement> {
+        let light = self
+            .illumination
+            .map_or(1.0, |f| f.get(pixel).map_or(f64::NAN, |&f| f64::from(f)));
+        self.exposures
+            .iter()
+            .zip(&self.seconds)
+            .enumerate()
+            .filter_map(move |(exposure, (photo, seconds))| {
+                let signal = *photo.signal.get(self.channel)?.get(pixel)?;
+                let rounding = *photo.rounding.get(self.channel)?.get(pixel)?;
+                let reach = light * seconds * photo.levels.get(self.channel)?.scale;
+                (signal.is_finite() && reach > 0.0).then_some(Measurement {
+                    signal: f64::from(signal),
+                    reach,
+                    rounding: f64::from(rounding),
+                    exposure,
+                })
+            })
+    }
+
+    /// Expected radiance of every pixel: all unclipped light over all its time (the best estimate
+    /// where shot noise rules, with weights that know nothing of the values), smoothed where the
+    /// scatter is only noise. NaN where every exposure is clipped.
+    pub(super) fn expected(&self) -> Vec<f32> {
+        let pooled: Vec<f32> = (0..self.pixels())
+            .map(|i| {
+                let (signal, reach) = self
+                    .measurements(i)
+                    .fold((0.0, 0.0), |(s, r), m| (s + m.signal, r + m.reach));
+                (signal / reach) as f32
+            })
+            .collect();
+        let Some(noise) = self.noise else {
+            return pooled;
+        };
+        smooth::expected(&pooled, self.width, |i, mean| {
+            let (variance, reach) = self.measurements(i).fold((0.0, 0.0), |(v, r), m| {
+                (v + noise.variance(mean * m.reach) + m.rounding, r + m.reach)
+            });
+            variance / (reach * reach)
+        })
+    }
+
+    /// Radiance and variance by pixel.
+    fn merge(&self, expected: &[f32]) -> (Vec<f32>, Vec<f32>) {
+        expected
+            .iter()
+            .enumerate()
+            .map(|(i, &expected)| {
+                self.merge_pixel(i, f64::from(expected))
+                    .map_or((0.0, f32::INFINITY), |(value, variance)| {
+                        (value as f32, variance as f32)
+                    })
+            })
+            .unzip()
+    }
+
+    /// Radiance and variance of a single exposure whose noise is not known: nothing to weigh.
+    fn scale(&self, only: &Exposure) -> (Vec<f32>, Vec<f32>) {
+        let plane = |planes: &[Vec<f32>]| planes.get(self.channel).cloned().unwrap_or_default();
+        let mut value = plane(&only.signal);
+        let mut variance = plane(&only.rounding);
+        let seconds = self.seconds.first().copied().unwrap_or(1.0);
+        let scale = only
+            .levels
+            .get(self.channel)
+            .map_or(1.0, |levels| levels.scale);
+        let reach = (seconds * scale) as f32;
+        for (i, (value, variance)) in value.iter_mut().zip(&mut variance).enumerate() {
+            let light = self
+                .illumination
+                .map_or(1.0, |f| f.get(i).copied().unwrap_or(f32::NAN));
+            let reach = reach * light;
+            if value.is_finite() && reach > 0.0 {
+                *value /= reach;
+                *variance /= reach * reach;
+            } else {
+                *value = 0.0;
+                *variance = f32::INFINITY;
+            }
+        }
+        (value, variance)
+    }
+
+    fn merge_pixel(&self, pixel: usize, expected: f64) -> Option<(f64, f64)> {
+        let (mut weights, mut sum) = (0.0, 0.0);
+        let mut dimmest_use: Option<(Measurement, f64)> = None;
+        for m in self.measurements(pixel) {
+            let mut variance = m.rounding;
+            if let Some(noise) = self.noise {
+                let signal = expected * m.reach;
+                variance += noise.variance(signal);
+                let margin = CLIP_MARGIN * variance.sqrt();
+                let levels = self.exposures.get(m.exposure)?.levels.get(self.channel)?;
+                if signal + margin >= levels.white {
+                    continue;
+                }
+                if signal - margin <= levels.floor {
+                    // Cut off at the lowest code: of use only if no exposure is better.
+                    if dimmest_use.is_none_or(|(best, _)| best.reach < m.reach) {
+                        dimmest_use = Some((m, variance));
+                    }
+                    continue;
+                }
+            }
+            let weight = m.reach * m.reach / variance;
+            weights += weight;
+            sum += weight * m.signal / m.reach;
+        }
+        if weights > 0.0 {
+            return Some((sum / weights, 1.0 / weights));
+        }
+        dimmest_use.map(|(m, variance)| (m.signal / m.reach, variance / (m.reach * m.reach)))
+    }
+}

@@ -1,0 +1,480 @@
+//! Planted radiance through a simulated sensor and back.
+
+use std::path::Path;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal, Poisson};
+
+use super::*;
+use crate::angle::WorldAngle;
+use crate::capture::{Camera, Capture, Encoding, Object, Photo, Projection, Sensor, Shape, View};
+
+const WIDTH: usize = 640;
+const HEIGHT: usize = 24;
+
+/// Radiance that runs over 2.5 decades, smooth but for one sharp edge.
+fn truth(x: usize) -> f64 {
+    truth_at(x as f64)
+}
+
+fn truth_at(x: f64) -> f64 {
+    let u = x / WIDTH as f64;
+    let lobe = (-((u - 0.3) / 0.05).powi(2)).exp();
+    // A lens spreads an edge over a pixel or two.
+    let edge = 1.0 / (1.0 + ((448.0 - x) / 0.7).exp());
+    0.01 + 0.1 * u + 3.0 * lobe + 0.3 * edge
+}
+
+fn capture(folder: &Path, sensor: Sensor, photos: Vec<Photo>) -> Capture {
+    Capture {
+        name: "test".into(),
+        folder: folder.to_path_buf(),
+        object: Object {
+            shape: Shape::Cylinder,
+            radius: 0.05,
+            mask: None,
+        },
+        camera: Camera {
+            projection: Projection::Perspective { focal_px: 1000.0 },
+            image_size: [WIDTH as u32, HEIGHT as u32],
+            principal_point_px: [WIDTH as f64 / 2.0, HEIGHT as f64 / 2.0],
+            distortion: [0.0; 5],
+            distance: 1.0,
+            orbit_sigma_deg: 0.0,
+        },
+        sensor,
+        views: vec![View {
+            orbit: WorldAngle::degrees(0.0),
+            photos,
+            plane_roll: 0.0,
+            mask: None,
+            outline: None,
+        }],
+    }
+}
+
+fn write_y(path: &Path, value: impl Fn(usize, usize) -> f32 + Sync) {
+    use exr::prelude::*;
+    let channels = SpecificChannels::build()
+        .with_channel("Y")
+        .with_pixel_fn(|p: Vec2<usize>| (value(p.0, p.1),));
+    Image::from_channels((WIDTH, HEIGHT), channels)
+        .write()
+        .to_file(path)
+        .unwrap();
+}
+
+/// A sensor with 12 bits, 12,000 electrons full well, black at 64; clipped, rounded.
+fn expose(path: &Path, seconds: f64, seed: u64) {
+    expose_moved(path, seconds, seed, 0.0);
+}
+
+/// The same with the picture moved by `shift` pixels to the right.
+fn expose_moved(path: &Path, seconds: f64, seed: u64, shift: f64) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let per_code = 12_000.0 / (4095.0 - 64.0);
+    let read = Normal::new(0.0, 5.0).unwrap();
+    let mut codes = vec![0.0; WIDTH * HEIGHT];
+    for (i, code) in codes.iter_mut().enumerate() {
+        // 12,000 electrons are a radiance of 1 in one second.
+        let electrons = truth_at((i % WIDTH) as f64 - shift) * seconds * 12_000.0;
+        let shot: f64 = Poisson::new(electrons).unwrap().sample(&mut random);
+        let measured = shot + read.sample(&mut random);
+        *code = (64.0 + measured / per_code).round().clamp(0.0, 4095.0) as f32;
+    }
+    write_y(path, |x, y| codes[y * WIDTH + x]);
+}
+
+fn sensor() -> Sensor {
+    Sensor {
+        encoding: Some(Encoding::Linear),
+        black_level: Some(64.0),
+        white_level: Some(4095.0),
+        full_well_e: Some(12_000.0),
+        read_noise_e: Some(5.0),
+        responsivity: Some(12_000.0),
+        ..Sensor::default()
+    }
+}
+
+/// Five exposures a factor of 4 apart, `errors` being what the times are really multiplied by.
+fn bracket(folder: &Path, sensor: Sensor, errors: [f64; 5], seed: u64) -> Radiance {
+    let photos = errors
+        .iter()
+        .enumerate()
+        .map(|(i, error)| {
+            let seconds = 0.0625 * 4_f64.powi(i as i32);
+            let name = format!("{i}.exr");
+            expose(&folder.join(&name), seconds * error, seed * 10 + i as u64);
+            Photo {
+                file: name.into(),
+                exposure_s: Some(seconds),
+            }
+        })
+        .collect();
+    view(&capture(folder, sensor, photos), 0, 0..HEIGHT as u32).unwrap()
+}
+
+/// Worst bias in ten parts of the range, overall bias, rms z-score, share of missing pixels.
+fn score(radiances: &[Radiance]) -> (f64, f64, f64, f64) {
+    let mut parts = vec![Vec::new(); 10];
+    let mut all = Vec::new();
+    let (mut squares, mut missing) = (0.0, 0);
+    for radiance in radiances {
+        for (i, (&value, &variance)) in radiance.value[0]
+            .iter()
+            .zip(&radiance.variance[0])
+            .enumerate()
+        {
+            let truth = truth(i % WIDTH);
+            if variance.is_infinite() {
+                missing += 1;
+                continue;
+            }
+            let error = f64::from(value) - truth;
+            squares += error * error / f64::from(variance);
+            all.push(error / truth);
+            parts[((truth / 0.01).log10() * 4.0) as usize % 10].push(error / truth);
+        }
+    }
+    let mean = |v: &Vec<f64>| v.iter().sum::<f64>() / v.len() as f64;
+    let worst = parts
+        .iter()
+        .filter(|p| p.len() > 5000)
+        .map(|p| mean(p).abs())
+        .fold(0.0, f64::max);
+    let total = (WIDTH * HEIGHT * radiances.len()) as f64;
+    (
+        worst,
+        mean(&all),
+        (squares / all.len() as f64).sqrt(),
+        f64::from(missing) / total,
+    )
+}
+
+#[test]
+fn a_bracket_gives_unbiased_radiance_and_its_true_variance() {
+    let folder = tempfile::tempdir().unwrap();
+    let draws: Vec<Radiance> = (0..4)
+        .map(|seed| bracket(folder.path(), sensor(), [1.0; 5], seed))
+        .collect();
+    let (worst, bias, z, missing) = score(&draws);
+    // With ≥ 5000 pixels per part, each with σ below 10 %, the mean is known to 0.15 % or better.
+    assert!(bias.abs() < 0.001 && worst < 0.003, "{bias} {worst}");
+    // The rms of 60,000 unit normals is 1 ± 0.003; models of clipping and rounding add a little.
+    assert!((z - 1.0).abs() < 0.03, "{z}");
+    // The shortest exposure holds radiances up to 16.
+    assert_eq!(missing, 0.0);
+}
+
+/// What each exposure time is really multiplied by; the mean of the logarithms is 0.
+fn jitter() -> [f64; 5] {
+    let logs = [0.02, -0.03, 0.015, 0.01, -0.015_f64];
+    logs.map(f64::exp)
+}
+
+#[test]
+fn wrong_exposure_times_are_solved_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let draws = [bracket(folder.path(), sensor(), jitter(), 1)];
+    let (worst, bias, z, _) = score(&draws);
+    // Ratios from about 15,000 shared pixels of 1 to 5 % noise are known to 0.05 %.
+    assert!(bias.abs() < 0.001 && worst < 0.003, "{bias} {worst}");
+    assert!((z - 1.0).abs() < 0.05, "{z}");
+}
+
+#[test]
+fn swapped_exposures_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut photos = Vec::new();
+    for (i, (real, stated)) in [(0.25, 1.0), (1.0, 0.25)].into_iter().enumerate() {
+        let name = format!("{i}.exr");
+        expose(&folder.path().join(&name), real, i as u64);
+        photos.push(Photo {
+            file: name.into(),
+            exposure_s: Some(stated),
+        });
+    }
+    let capture = capture(folder.path(), sensor(), photos);
+    let error = view(&capture, 0, 0..HEIGHT as u32).unwrap_err().to_string();
+    assert!(
+        error.contains("view 0")
+            && error.contains("exposure_s")
+            && error.contains("0.06 times the light per second"),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_noise_is_estimated_from_the_brackets() {
+    let folder = tempfile::tempdir().unwrap();
+    let unknown = Sensor {
+        full_well_e: None,
+        read_noise_e: None,
+        responsivity: None,
+        ..sensor()
+    };
+    let per_code = 12_000.0 / (4095.0 - 64.0);
+    let mut draws = Vec::new();
+    for seed in 0..2 {
+        let mut radiance = bracket(folder.path(), unknown.clone(), [1.0; 5], seed);
+        assert!(radiance.noise_known);
+        // Codes per second back to units of radiance.
+        let unit = (per_code / 12_000.0) as f32;
+        radiance.value[0].iter_mut().for_each(|v| *v *= unit);
+        radiance.variance[0]
+            .iter_mut()
+            .for_each(|v| *v *= unit * unit);
+        draws.push(radiance);
+    }
+    let (worst, bias, z, _) = score(&draws);
+    assert!(bias.abs() < 0.001 && worst < 0.003, "{bias} {worst}");
+    // A hundred bins of 512 give each coefficient to 1 or 2 %; the stated σ is wanted within 10 %.
+    assert!((z - 1.0).abs() < 0.1, "{z}");
+}
+
+#[test]
+fn one_photo_is_unbiased_up_to_clipping_and_missing_beyond() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut errors = Vec::new();
+    for seed in 0..4 {
+        expose(&folder.path().join("a.exr"), 0.5, seed);
+        let photo = Photo {
+            file: "a.exr".into(),
+            exposure_s: Some(0.5),
+        };
+        let radiance = view(
+            &capture(folder.path(), sensor(), vec![photo]),
+            0,
+            0..HEIGHT as u32,
+        )
+        .unwrap();
+        for (i, (&value, &variance)) in radiance.value[0]
+            .iter()
+            .zip(&radiance.variance[0])
+            .enumerate()
+        {
+            let truth = truth(i % WIDTH);
+            // The well is full at a radiance of 2; its shot noise is 0.018, so five σ are 0.09.
+            if truth > 2.09 {
+                assert!(variance.is_infinite(), "{truth} {value}");
+            } else if truth < 1.9 {
+                assert!(variance.is_finite());
+            }
+            if variance.is_finite() && truth > 1.6 {
+                errors.push(f64::from(value) / truth - 1.0);
+            }
+        }
+    }
+    let bias = errors.iter().sum::<f64>() / errors.len() as f64;
+    // 1 % noise over more than 500 pixels: the mean is known to 0.04 %.
+    assert!(
+        errors.len() > 500 && bias.abs() < 0.001,
+        "{} {bias}",
+        errors.len()
+    );
+}
+
+#[test]
+fn dark_flat_and_vignetting_are_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let dark = |x: usize, y: usize| 64.0 + (x % 7) as f32 + y as f32;
+    let flat = |x: usize, y: usize| {
+        1.0 - 0.3 * ((x as f32 - 320.0) / 320.0).powi(2) + 0.002 * (y as f32 - 11.5)
+    };
+    let coefficients = [-0.28, 0.06, -0.01];
+    let vignetting = |x: usize, y: usize| {
+        let (dx, dy) = (x as f64 + 0.5 - 320.0, y as f64 + 0.5 - 12.0);
+        let r2 = (dx * dx + dy * dy) / (320.0_f64 * 320.0 + 144.0);
+        (1.0 + r2 * (-0.28 + r2 * (0.06 - 0.01 * r2))) as f32
+    };
+    let light = |x: usize| 100.0 * truth(x) as f32;
+    write_y(&at("dark.exr"), dark);
+    write_y(&at("flat.exr"), |x, y| dark(x, y) + 800.0 * flat(x, y));
+    write_y(&at("a.exr"), |x, y| {
+        dark(x, y) + 2.0 * light(x) * flat(x, y) * vignetting(x, y)
+    });
+    let sensor = Sensor {
+        dark: Some("dark.exr".into()),
+        flat: Some("flat.exr".into()),
+        vignetting: Some(coefficients),
+        ..Sensor::default()
+    };
+    let photo = Photo {
+        file: "a.exr".into(),
+        exposure_s: Some(2.0),
+    };
+    let radiance = view(&capture(folder.path(), sensor, vec![photo]), 0, 3..9).unwrap();
+    for (i, &value) in radiance.value[0].iter().enumerate() {
+        let expected = light(i % WIDTH);
+        // The flat field's mean over the 32 × 24 central pixels is 1 − 0.3 (9.2/320)² = 0.9998.
+        assert!(
+            (value / expected - 1.0).abs() < 5e-4,
+            "{i}: {value} {expected}"
+        );
+    }
+    assert!(!radiance.noise_known);
+}
+
+#[test]
+fn an_8_bit_srgb_photo_is_right_within_its_rounding() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let srgb = |x: f64| {
+        if x <= 0.0031308 {
+            12.92 * x
+        } else {
+            1.055 * x.powf(1.0 / 2.4) - 0.055
+        }
+    };
+    let light = |x: usize, y: usize| (0.002 + x as f64 / 600.0 + y as f64 * 1e-4).min(1.2);
+    let codes: Vec<u8> = (0..HEIGHT)
+        .flat_map(|y| (0..WIDTH).map(move |x| (255.0 * srgb(light(x, y))).round().min(255.0) as u8))
+        .collect();
+    let image = image::GrayImage::from_raw(WIDTH as u32, HEIGHT as u32, codes).unwrap();
+    image.save(&path).unwrap();
+    let photo = Photo {
+        file: "a.png".into(),
+        exposure_s: Some(0.5),
+    };
+    let capture = capture(folder.path(), Sensor::default(), vec![photo]);
+    let radiance = view(&capture, 0, 0..HEIGHT as u32).unwrap();
+    let mut squares = Vec::new();
+    for (i, (&value, &variance)) in radiance.value[0]
+        .iter()
+        .zip(&radiance.variance[0])
+        .enumerate()
+    {
+        let expected = light(i % WIDTH, i / WIDTH) / 0.5;
+        if expected * 0.5 > 1.0 {
+            assert!(variance.is_infinite());
+        } else if variance.is_finite() {
+            squares.push((f64::from(value) - expected).powi(2) / f64::from(variance));
+        }
+    }
+    // Rounding errors are uniform: the mean of 14,000 squared z-scores is 1 ± 0.01.
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((mean - 1.0).abs() < 0.05, "{mean}");
+}
+
+#[test]
+fn a_bracket_that_moved_is_refused_and_one_that_stood_still_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = |shift: f64| {
+        let mut photos = Vec::new();
+        for (i, seconds) in [0.25, 1.0].into_iter().enumerate() {
+            let name = format!("{i}.exr");
+            expose_moved(
+                &folder.path().join(&name),
+                seconds,
+                i as u64,
+                shift * i as f64,
+            );
+            photos.push(Photo {
+                file: name.into(),
+                exposure_s: Some(seconds),
+            });
+        }
+        view(
+            &capture(folder.path(), sensor(), photos),
+            0,
+            0..HEIGHT as u32,
+        )
+    };
+    assert!(result(0.0).is_ok());
+    // The lobe's flanks rise by 3 % per pixel at 1 to 5 % noise: over 2000 pixels a shift is known
+    // to 0.03 pixels.
+    for shift in [0.4, -0.8] {
+        let error = result(shift).unwrap_err().to_string();
+        assert!(
+            error.contains("moved by") && error.contains("\"1.exr\""),
+            "{error}"
+        );
+        let told: f64 = error
+            .split("moved by (")
+            .nth(1)
+            .unwrap()
+            .split(',')
+            .next()
+            .unwrap()
+            .parse()
+            .unwrap();
+        assert!((told - shift).abs() < 0.1, "{error}");
+    }
+}
+
+#[test]
+fn a_12_bit_code_in_16_bits_rounds_in_its_own_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let codes = (0..WIDTH * HEIGHT)
+        .map(|i| (i % 4000) as u16 * 16)
+        .collect();
+    let image = image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::from_raw(
+        WIDTH as u32,
+        HEIGHT as u32,
+        codes,
+    );
+    image.unwrap().save(folder.path().join("a.png")).unwrap();
+    let photo = Photo {
+        file: "a.png".into(),
+        exposure_s: Some(1.0),
+    };
+    let radiance = view(
+        &capture(folder.path(), Sensor::default(), vec![photo]),
+        0,
+        0..4,
+    )
+    .unwrap();
+    // One twelfth of 16², for whoever wrote the file rounded to multiples of 16.
+    assert!(
+        radiance.variance[0]
+            .iter()
+            .all(|&v| (v / (256.0 / 12.0) - 1.0).abs() < 1e-6)
+    );
+}
+
+#[test]
+fn the_rendered_test_photographs_are_sound() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("testdata");
+    let mut sets = 0;
+    for entry in std::fs::read_dir(root).unwrap() {
+        let folder = entry.unwrap().path();
+        if !folder.join("capture.toml").exists() {
+            continue;
+        }
+        sets += 1;
+        let capture = Capture::read(&folder).unwrap();
+        let findings = crate::capture::check(&capture);
+        assert!(
+            findings.faults.is_empty(),
+            "{folder:?}: {:?}",
+            findings.faults
+        );
+        let height = capture.camera.image_size[1];
+        for index in [0, capture.views.len() - 1] {
+            let radiance = view(&capture, index, 0..height).unwrap();
+            for (value, variance) in radiance.value.iter().zip(&radiance.variance) {
+                assert!(
+                    variance.iter().all(|v| v.is_finite() && *v > 0.0),
+                    "{folder:?}"
+                );
+                let brightest = value.iter().fold(0.0_f32, |a, &v| a.max(v));
+                assert!(
+                    brightest > 0.0 && value.iter().all(|&v| v >= 0.0),
+                    "{folder:?}"
+                );
+                // Half floats round by at most 2^-11 of a value, uniformly.
+                let worst = value
+                    .iter()
+                    .zip(variance)
+                    .filter(|(v, _)| **v > 0.01 * brightest)
+                    .map(|(v, s)| (12.0 * s).sqrt() / v)
+                    .fold(0.0_f32, f32::max);
+                assert!(worst <= 2_f32.powi(-10), "{folder:?}: {worst}");
+            }
+        }
+    }
+    assert!(sets > 0);
+}

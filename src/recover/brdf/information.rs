@@ -1,0 +1,288 @@
+//! What the samples say about the spline coefficients: rows of the model, and their Gram matrices.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+use rayon::prelude::*;
+
+use super::basis::{Basis, END_SHAPES};
+use crate::angle::{WorldAngle, wrap};
+use crate::light_field::{Column, Samples};
+use crate::lighting::Lighting;
+
+/// Points of the circle on which the smooth light's convolution with a spline is tabulated. Between
+/// them it is interpolated linearly; at 0.044° the error is below (2π/8192)²/8 · 4/h² = 1e-3 of a delta
+/// function's response at h = 1°, and a thousand times less for light as smooth as its own table.
+const CIRCLE: usize = 8192;
+
+/// The light of one channel as seen through the splines: ∫ L(α + θ) φ_m(θ) dθ.
+pub struct Illumination {
+    basis: Basis,
+    /// (direction, irradiance).
+    sources: Vec<(f64, f64)>,
+    /// ∫ L(x + θ) φ(θ) dθ at x = −π + 2πi/CIRCLE for the shapes of spline there are: those at the left
+    /// end, the inner one (about its own centre), those at the right end. Empty without smooth light.
+    smooth: Vec<Vec<f64>>,
+}
+
+impl Illumination {
+    /// The light of `channel` of `lighting`.
+    pub fn new(basis: Basis, lighting: &Lighting, channel: usize) -> Self {
+        let sources = lighting
+            .sources
+            .iter()
+            .filter_map(|s| Some((s.theta.rad(), *s.irradiance.get(channel)?)))
+            .collect();
+        let has_smooth = lighting
+            .table
+            .get(channel)
+            .is_some_and(|t| t.iter().any(|&v| v != 0.0));
+        let mut smooth = Vec::new();
+        if has_smooth {
+            let step = TAU / CIRCLE as f64;
+            let light: Vec<f64> = (0..CIRCLE)
+                .map(|i| lighting.density(channel, WorldAngle::radians(-PI + i as f64 * step)))
+                .collect();
+            let last = basis.len() - 1;
+            let ends = (0..END_SHAPES)
+                .chain([last / 2])
+                .chain(last + 1 - END_SHAPES..=last);
+            for m in ends {
+                let centre = if m == last / 2 { basis.centre(m) } else { 0.0 };
+                // Trapezoidal sum: the spline has two derivatives, so its error is far below that of the
+                // interpolation. The spline is sampled relative to a point of the circle's grid.
+                let reach = (3.5 * basis.spacing() / step).ceil() as isize + 1;
+                let middle = ((basis.centre(m) - centre) / step).round() as isize;
+                let taps: Vec<(isize, f64)> = (middle - reach..=middle + reach)
+                    .filter_map(|k| {
+                        let angle = centre + k as f64 * step;
+                        let value: f64 = basis
+                            .at(angle)
+                            .iter()
+                            .filter(|&(i, _)| i == m)
+                            .map(|(_, v)| v)
+                            .sum();
+                        (value != 0.0).then_some((k, value * step))
+                    })
+                    .collect();
+                smooth.push(
+                    (0..CIRCLE as isize)
+                        .into_par_iter()
+                        .map(|i| {
+                            taps.iter()
+                                .map(|&(k, v)| {
+                                    v * light[(i + k).rem_euclid(CIRCLE as isize) as usize]
+                                })
+                                .sum()
+                        })
+                        .collect(),
+                );
+            }
+        }
+        Self {
+            basis,
+            sources,
+            smooth,
+        }
+    }
+
+    /// Whether there is any light at all.
+    pub fn is_dark(&self) -> bool {
+        self.smooth.is_empty() && self.sources.iter().all(|s| s.1 == 0.0)
+    }
+
+    /// Adds `factor` · ∫ L(α + θ) φ_m(θ) dθ to `row`\[m\].
+    pub fn add_row(&self, alpha: f64, factor: f64, row: &mut [f64]) {
+        for &(theta, irradiance) in &self.sources {
+            for (m, value) in self.basis.at(wrap(theta - alpha)).iter() {
+                row[m] += factor * irradiance * value;
+            }
+        }
+        if self.smooth.is_empty() {
+            return;
+        }
+        let last = self.basis.len() - 1;
+        for (m, entry) in row.iter_mut().enumerate() {
+            let (shape, shift) = if m < END_SHAPES {
+                (m, 0.0)
+            } else if m + END_SHAPES > last {
+                (m + 2 * END_SHAPES - last, 0.0)
+            } else {
+                (END_SHAPES, self.basis.centre(m))
+            };
+            let position = (wrap(alpha + shift) + PI) / TAU * CIRCLE as f64;
+            let i = position as usize;
+            let t = position - i as f64;
+            let table = &self.smooth[shape];
+            *entry += factor * (table[i % CIRCLE] * (1.0 - t) + table[(i + 1) % CIRCLE] * t);
+        }
+    }
+}
+
+/// The samples of one column θo′ reduced to its normal equations for the vector z_m = Σ_n c_{mn} φ_n(θo′).
+pub struct ColumnInformation {
+    /// θo′, radians.
+    pub local: f64,
+    /// Σ a aᵀ / σ², \[len\]\[len\].
+    pub gram: Mat<f64>,
+    /// Σ a y / σ².
+    pub rhs: Vec<f64>,
+}
+
+/// All columns of one channel.
+pub struct Information {
+    /// The splines.
+    pub basis: Basis,
+    /// Columns that hold a sample.
+    pub columns: Vec<ColumnInformation>,
+    /// Number of samples.
+    pub count: usize,
+    /// Σ y²/σ².
+    pub square: f64,
+}
+
+impl Information {
+    /// Reduces `channel` of the samples. Samples with a variance that is not finite and positive, a value
+    /// that is not finite, or θo′ beyond the half circle have no part in it.
+    pub fn new(samples: &Samples, channel: usize, light: &Illumination) -> Self {
+        let reduced: Vec<_> = samples
+            .columns
+            .par_iter()
+            .filter_map(|column| reduce(column, channel, light))
+            .collect();
+        let mut information = Self {
+            basis: light.basis,
+            columns: Vec::with_capacity(reduced.len()),
+            count: 0,
+            square: 0.0,
+        };
+        for (column, count, square) in reduced {
+            information.columns.push(column);
+            information.count += count;
+            information.square += square;
+        }
+        information
+    }
+
+    /// Σ residual²/σ² of the coefficients `x`.
+    pub fn chi_square(&self, x: &[f64]) -> f64 {
+        let len = self.basis.len();
+        let mut sum = self.square;
+        for column in &self.columns {
+            let mut z = vec![0.0; len];
+            for (n, value) in self.basis.at(column.local).iter() {
+                for (m, z) in z.iter_mut().enumerate() {
+                    *z += value * x[self.basis.pair(m, n)];
+                }
+            }
+            for j in 0..len {
+                let g = column.gram.col(j);
+                let product: f64 = z.iter().enumerate().map(|(i, z)| z * g[i]).sum();
+                sum += z[j] * (product - 2.0 * column.rhs[j]);
+            }
+        }
+        sum.max(0.0)
+    }
+
+    /// The right side of the normal equations for the unknowns c_{mn}, m ≥ n.
+    pub fn right_side(&self) -> Vec<f64> {
+        let mut out = vec![0.0; self.basis.pairs()];
+        for column in &self.columns {
+            for (n, value) in self.basis.at(column.local).iter() {
+                for (m, r) in column.rhs.iter().enumerate() {
+                    out[self.basis.pair(m, n)] += value * r;
+                }
+            }
+        }
+        out
+    }
+
+    /// The information matrix of the unknowns c_{mn}, m ≥ n, dense, times `scale`.
+    pub fn dense(&self, scale: f64) -> Mat<f64> {
+        let len = self.basis.len();
+        let mut out = Mat::<f64>::zeros(self.basis.pairs(), self.basis.pairs());
+        // Σ over columns of φ_n φ_n' G first: bands |n − n'| ≤ 5 of len² numbers.
+        let bands: Vec<(usize, usize)> = (0..len)
+            .flat_map(|n| (n..(n + 6).min(len)).map(move |k| (n, k)))
+            .collect();
+        let blocks: Vec<Option<Mat<f64>>> = bands
+            .par_iter()
+            .map(|&(n, k)| {
+                let mut block: Option<Mat<f64>> = None;
+                for column in &self.columns {
+                    let local = self.basis.at(column.local);
+                    let value =
+                        |i: usize| local.iter().filter(|e| e.0 == i).map(|e| e.1).sum::<f64>();
+                    let product = value(n) * value(k) * scale;
+                    if product != 0.0 {
+                        let block = block.get_or_insert_with(|| Mat::zeros(len, len));
+                        *block += faer::Scale(product) * &column.gram;
+                    }
+                }
+                block
+            })
+            .collect();
+        for (&(n, k), block) in bands.iter().zip(&blocks) {
+            let Some(block) = block else { continue };
+            for j in 0..len {
+                let to = self.basis.pair(j, k);
+                for i in 0..len {
+                    let from = self.basis.pair(i, n);
+                    out[(from, to)] += block[(i, j)];
+                    if n != k {
+                        out[(to, from)] += block[(i, j)];
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+fn reduce(
+    column: &Column,
+    channel: usize,
+    light: &Illumination,
+) -> Option<(ColumnInformation, usize, f64)> {
+    let local = column.local.rad();
+    // Below 1e-6 rad from the horizon the division by the cosine has no meaning.
+    if local.is_nan() || local.abs() > FRAC_PI_2 - 1e-6 {
+        return None;
+    }
+    let (values, variances) = (column.value.get(channel)?, column.variance.get(channel)?);
+    let usable: Vec<(f64, f64, f64)> = column
+        .alpha
+        .iter()
+        .zip(values.iter().zip(variances))
+        .filter(|(a, (y, v))| a.is_finite() && y.is_finite() && v.is_finite() && **v > 0.0)
+        .map(|(&a, (&y, &v))| (a, y, 1.0 / v.sqrt()))
+        .collect();
+    if usable.is_empty() {
+        return None;
+    }
+    let len = light.basis.len();
+    // B cos θo′ = Σ E ρ̃ + …, so a row of B carries 1/cos θo′.
+    let cosine = local.cos();
+    let mut rows = Mat::<f64>::zeros(len, usable.len());
+    let mut rhs = vec![0.0; len];
+    let mut square = 0.0;
+    for (i, &(alpha, y, root)) in usable.iter().enumerate() {
+        let row = rows.col_mut(i).try_as_col_major_mut()?.as_slice_mut();
+        light.add_row(alpha, root / cosine, row);
+        for (r, a) in rhs.iter_mut().zip(row.iter()) {
+            *r += a * y * root;
+        }
+        square += (y * root).powi(2);
+    }
+    let mut gram = Mat::<f64>::zeros(len, len);
+    matmul(
+        &mut gram,
+        Accum::Replace,
+        &rows,
+        rows.transpose(),
+        1.0,
+        Par::Seq,
+    );
+    Some((ColumnInformation { local, gram, rhs }, usable.len(), square))
+}

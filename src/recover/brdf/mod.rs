@@ -1,0 +1,280 @@
+//! BRDF from known light.
+//!
+//! # The estimator
+//!
+//! The unknown is ρ̃(θi′, θo′) = ρ cos θi′ cos θo′ on the two half circles, a product spline with non-negative,
+//! symmetric coefficients c_{mn} = c_{nm}: support, reciprocity and ρ ≥ 0 are part of the problem, and
+//! nothing else is assumed of the lobe. A sample is linear in it (eq. 4),
+//!
+//! b = Σ_{mn} c_{mn} φ_n(θo′)/cos θo′ · \[Σ_k E_k φ_m(θ_k − α) + ∫ L(α + θ) φ_m(θ) dθ\] + noise,
+//!
+//! sources at their exact angles. ρ̃ is fitted rather than ρ because it is the quantity that is bounded and
+//! continuous at grazing angles, and the one that is symmetric.
+//!
+//! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the maximum
+//! of the posterior, c = (J + P)⁻¹ h under c ≥ 0, with a Gaussian prior of precision P: the size of ρ̃ and its roughness across and along
+//! the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe fills a
+//! small part of it. All of it maximises the marginal likelihood of the samples. σ is from (J + P)⁻¹. As a
+//! confidence interval it covers what it claims when averaged over the slice (Nychka, "Bayesian confidence
+//! intervals for smoothing splines", JASA 83, 1988), because it holds the expected squared bias of smoothing
+//! beside the variance.
+//!
+//! # What is determined, and the bound
+//!
+//! A quantity g·c (a value of the slice, a Fourier coefficient) has three variances: under the prior alone gᵀP⁻¹g,
+//! under prior and samples gᵀ(J + P)⁻¹g, and by the samples alone gᵀJ⁻¹g, which is infinite if g leaves the
+//! range of J. The last is the Cramér–Rao bound of the unregularised problem. It is computed as
+//! gᵀ(J + ε)⁻¹g with a white ε that allows each coefficient a hundred times the largest value of the slice: far above
+//! anything a determined quantity's bound may be, and finite (but huge) for the others. Then
+//!
+//! * *determined*: the bound is at most half the prior's standard deviation: the samples alone say more than four times
+//!   as much as the prior, in variance. The prior changes such an estimate little, and the bound is a fair measure of it.
+//! * *weak*: else, if the posterior's standard deviation is at most half the prior's: known by
+//!   smoothness, between views or beyond the resolution of the light.
+//! * *indeterminate*: the rest. Under uniform light that is everything but ρ̃_{0,q}, and every single value of the slice.
+//!
+//! For this judgement the prior's correlation lengths are held to [`Options::longest`], so that no smoothness, however
+//! strongly the seen part suggests it, carries a value far into what was never seen.
+//!
+//! The prior enters only as the size that a quantity could be expected to have. The bound of the white ε
+//! knows nothing of smoothness, so it does not flatter a prior that is wrong.
+
+mod basis;
+mod estimate;
+mod evidence;
+mod fit;
+mod information;
+mod posterior;
+mod prior;
+mod spectrum;
+
+use std::f64::consts::PI;
+
+use crate::light_field::Samples;
+use crate::lighting::Lighting;
+use crate::{Error, Result};
+use basis::Basis;
+pub use estimate::{BrdfEstimate, Coefficient, Slice};
+pub use evidence::CurvePoint;
+use fit::{Fit, Reach, vague};
+use information::{Illumination, Information};
+use prior::Relief;
+pub use prior::Smoothness;
+
+/// Longest correlation length that is learnt, radians.
+const LONGEST: f64 = 1.0;
+
+/// Intervals of the splines on which the prior's weights are learnt.
+const COARSE: usize = 40;
+
+/// Intervals of the splines of the result: 3° hold a lobe of exponent 128 to 1e-5.
+const INTERVALS: usize = 60;
+
+/// The same where that is not enough; 2.5° hold it to a third of that.
+const FINE: usize = 72;
+
+/// Error of the splines, in units of σ, beyond which finer ones are taken: a fifth adds 2 % to the total.
+const TOLERATED: f64 = 0.2;
+
+/// How the weight of the prior is chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Regularisation {
+    /// Marginal likelihood.
+    Evidence,
+    /// Generalised cross-validation along the curve through the maximum of the marginal likelihood.
+    Gcv,
+    /// That maximum's weights times this factor.
+    Factor(f64),
+    /// These weights.
+    Fixed(Smoothness),
+    /// No smoothness at all, only that values are finite.
+    None,
+}
+
+/// Options of [`recover`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Cells of the half × half grid of the result along each side.
+    pub size: usize,
+    /// Knot intervals of the splines over the half circle; `None`: 60, or 72 if the lobe is sharp and the noise so low
+    /// that the splines themselves would limit the result.
+    pub intervals: Option<usize>,
+    /// Highest frequency of the spectrum.
+    pub order: usize,
+    /// How the weight of the prior is chosen.
+    pub regularisation: Regularisation,
+    /// Whether ρ ≥ 0 is demanded.
+    pub non_negative: bool,
+    /// How far from what was seen smoothness may fill in, radians: the longest correlation length by which the status of a
+    /// value is judged.
+    pub longest: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            size: 180,
+            intervals: None,
+            order: 24,
+            regularisation: Regularisation::Evidence,
+            non_negative: true,
+            longest: 12f64.to_radians(),
+        }
+    }
+}
+
+/// Recovers ρ on the half × half grid of angles from samples of the light field under a known light.
+///
+/// The light's channels are matched by name; a light of one channel serves all.
+///
+/// # Errors
+/// [`Kind::Input`](crate::error::Kind) if a channel has no light or no sample, or an option is out of range;
+/// [`Kind::Failed`](crate::error::Kind) if the normal equations cannot be solved.
+pub fn recover(samples: &Samples, lighting: &Lighting, options: &Options) -> Result<BrdfEstimate> {
+    check(options)?;
+    let mut estimate = BrdfEstimate {
+        channels: samples.channels.clone(),
+        size: options.size,
+        slices: Vec::new(),
+        warnings: Vec::new(),
+    };
+    // One channel at a time: each fills the cores, and memory stays that of one.
+    for (channel, name) in samples.channels.iter().enumerate() {
+        let light_channel = match lighting.channels.iter().position(|c| c == name) {
+            Some(k) => k,
+            None if lighting.channels.len() == 1 => 0,
+            None => {
+                return Err(Error::input(format!(
+                    "the lighting has no channel {name}, only {}",
+                    lighting.channels.join(", ")
+                ))
+                .advice("give the lighting the channel names of the photographs"));
+            }
+        };
+        let slice = recover_channel(samples, channel, lighting, light_channel, options)?;
+        estimate
+            .warnings
+            .extend(estimate::gaps(name, options.size, &slice));
+        if slice.noise > 1.2 {
+            estimate.warnings.push(format!(
+                "{name}: the residual is {:.1} times what the variances of the samples allow; all σ are scaled up by it. The lighting or the geometry may be wrong, or light may come from outside the plane.",
+                slice.noise.sqrt()
+            ));
+        }
+        estimate.slices.push(slice);
+    }
+    Ok(estimate)
+}
+
+fn check(options: &Options) -> Result<()> {
+    let number = |what: &str, value: usize, from: usize, to: usize| {
+        if (from..=to).contains(&value) {
+            Ok(())
+        } else {
+            Err(Error::input(format!(
+                "expected {what} from {from} to {to}, got {value}"
+            )))
+        }
+    };
+    number("a grid size", options.size, 2, 2000)?;
+    number(
+        "knot intervals",
+        options.intervals.unwrap_or(INTERVALS),
+        12,
+        100,
+    )?;
+    number("a highest frequency", options.order, 0, 90)?;
+    if !(options.longest > 0.0 && options.longest < PI) {
+        return Err(Error::input(format!(
+            "expected a correlation length between 0 and π, got {}",
+            options.longest
+        )));
+    }
+    let positive = |v: f64| v.is_finite() && v > 0.0;
+    match options.regularisation {
+        Regularisation::Factor(f) if !positive(f) => Err(Error::input(format!(
+            "expected a positive factor on the regularisation, got {f}"
+        ))),
+        Regularisation::Fixed(s) if !s.weights().into_iter().all(positive) => Err(Error::input(
+            "expected three positive weights of the regularisation".to_owned(),
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn recover_channel(
+    samples: &Samples,
+    channel: usize,
+    lighting: &Lighting,
+    light_channel: usize,
+    options: &Options,
+) -> Result<Slice> {
+    let name = samples.channels.get(channel).map_or("", String::as_str);
+    let intervals = options.intervals.unwrap_or(INTERVALS);
+    let coarse_basis = Basis::new(COARSE.min(intervals));
+    let light = Illumination::new(coarse_basis, lighting, light_channel);
+    if light.is_dark() {
+        return Err(
+            Error::input(format!("the known lighting is dark in channel {name}"))
+                .advice("a BRDF can only be measured under light"),
+        );
+    }
+    let coarse = Information::new(samples, channel, &light);
+    if coarse.count == 0 {
+        return Err(Error::input(format!(
+            "channel {name} has no usable sample of the light field"
+        ))
+        .advice("check the exposure, the mask and the limb cut"));
+    }
+    let learnt = evidence::learn(&coarse, LONGEST)?;
+    let smoothness = match options.regularisation {
+        Regularisation::Evidence => learnt.smoothness,
+        Regularisation::Gcv => {
+            let best = learnt
+                .curve
+                .iter()
+                .min_by(|a, b| a.gcv.total_cmp(&b.gcv))
+                .map_or(1.0, |p| p.factor);
+            learnt.smoothness.times(best)
+        }
+        Regularisation::Factor(f) => learnt.smoothness.times(f),
+        Regularisation::Fixed(s) => s,
+        Regularisation::None => vague(coarse_basis, learnt.largest),
+    };
+    let relief = match options.regularisation {
+        Regularisation::Fixed(_) | Regularisation::None => Relief::flat(coarse_basis),
+        _ => learnt.relief,
+    };
+    let fit = |intervals: usize| -> Result<Fit> {
+        let basis = Basis::new(intervals);
+        let light = Illumination::new(basis, lighting, light_channel);
+        let information = Information::new(samples, channel, &light);
+        Fit::new(information, smoothness, &relief, options.non_negative)
+    };
+    let mut fitted = fit(intervals)?;
+    if options.intervals.is_none() && fitted.spline_error() > TOLERATED {
+        drop(fitted);
+        fitted = fit(FINE)?;
+    }
+    let reach = Reach::new(&coarse, &smoothness, &relief, options.longest)?;
+    let grid = fitted.grid(options.size, &reach)?;
+    let spectrum = fitted.spectrum(options.order, &grid.vague, &reach)?;
+    Ok(Slice {
+        reciprocal: grid.values,
+        sigma: grid.sigma,
+        bound: grid.bound,
+        status: grid.status,
+        spectrum,
+        chi_square: fitted.chi_square,
+        samples: fitted.information.count,
+        parameters: fitted.parameters,
+        noise: fitted.noise,
+        smoothness,
+        curve: learnt.curve,
+        resolution: fitted.basis().spacing(),
+        held: fitted.posterior.held,
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,530 @@
+//! Smooth light and sources fitted together; how many sources there are is decided by the marginal
+//! likelihood.
+
+use std::f64::consts::{PI, TAU};
+
+use faer::Mat;
+use rayon::prelude::*;
+
+use super::prior::{
+    Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv, search_by_evidence,
+};
+use super::sources::{unit_response, weighted_product};
+use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
+use crate::angle::{WorldAngle, wrap};
+use crate::brdf::Brdf;
+use crate::error::Result;
+use crate::fourier::Series;
+use crate::light_field::Samples;
+use crate::recover::normal::NormalSystem;
+
+/// Most sources that are looked for.
+const MOST_SOURCES: usize = 12;
+/// Gain in log evidence at which a further source is believed (odds of 400 to 1).
+const BELIEF: f64 = 6.0;
+/// Standard deviation, relative to the largest sample, below which no sample is trusted: BRDF, geometry and
+/// planarity of the light are not known better, and their errors are not independent between samples.
+const MODEL_ERROR: f64 = 1e-4;
+/// Weighted rms, relative to the largest sample, up to which a misfit may pass for a split source.
+const SPLIT_ERROR: f64 = 3e-4;
+/// Deviation of the prior under which directions are first improved, relative to the mean light.
+const SHARP: f64 = 1e-2;
+/// Gauss–Newton steps under one prior, at the most.
+const STEPS: usize = 12;
+/// Standard deviation of a direction (radians) beyond which the data do not guide it.
+const LOST: f64 = 0.3;
+/// Longest step of a direction, radians: within the width of a lobe the step may be trusted.
+const LONGEST_STEP: f64 = 0.05;
+/// Step (radians) of the central difference for a response's derivative by direction.
+const DIFFERENCE: f64 = 2e-4;
+
+/// One channel's normal equations and scales.
+#[derive(Debug)]
+pub struct Channel<'a> {
+    pub name: String,
+    pub index: usize,
+    pub brdf: &'a dyn Brdf,
+    pub system: NormalSystem,
+    /// L_0, W m⁻² rad⁻¹, roughly.
+    pub mean_light: f64,
+    /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
+    pub systematics: Vec<Vec<Vec<f64>>>,
+    /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
+    /// their weighted mean variance that of [`MODEL_ERROR`].
+    pub noise_scale: f64,
+}
+
+impl<'a> Channel<'a> {
+    /// Measures the noise scale on the fit under the weakest prior.
+    pub fn new(
+        name: String,
+        samples: &Samples,
+        index: usize,
+        brdf: &'a dyn Brdf,
+        system: NormalSystem,
+        systematics: Vec<Vec<Vec<f64>>>,
+        mean_light: f64,
+    ) -> Result<Self> {
+        let mut channel = Self {
+            name,
+            index,
+            brdf,
+            system,
+            mean_light,
+            systematics,
+            noise_scale: 1.0,
+        };
+        let equations = channel.equations(samples, &[]);
+        let problem = channel.problem(&equations, 0);
+        let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
+        let residual = problem.residual(channel.system.square, &x);
+        let freedom = channel.system.count.saturating_sub(x.len()).max(1);
+        let floor = (channel.system.largest * MODEL_ERROR).powi(2) * channel.system.weight
+            / channel.system.count as f64;
+        channel.noise_scale = (residual / freedom as f64).max(floor).max(1.0);
+        Ok(channel)
+    }
+
+    /// Posterior of the smooth light and the systematic errors under the weakest prior.
+    pub fn weak_posterior(&self, samples: &Samples) -> Result<Posterior> {
+        let equations = self.equations(samples, &[]);
+        self.problem(&equations, 0)
+            .posterior(&SpectralPrior::flat(self.mean_light))
+    }
+
+    fn problem<'b>(&self, equations: &'b (Mat<f64>, Vec<f64>), sources: usize) -> Problem<'b> {
+        let coefficients = self.system.vector.len();
+        Problem {
+            matrix: &equations.0,
+            vector: &equations.1,
+            coefficients,
+            systematics: equations.1.len() - coefficients - sources,
+            noise_scale: self.noise_scale,
+        }
+    }
+
+    /// Normal equations of coefficients, irradiances of unit responses `sources`, and systematic errors.
+    fn equations(&self, samples: &Samples, sources: &[Vec<Vec<f64>>]) -> (Mat<f64>, Vec<f64>) {
+        let n = self.system.vector.len();
+        let extra: Vec<&Vec<Vec<f64>>> = sources.iter().chain(&self.systematics).collect();
+        let size = n + extra.len();
+        let mut matrix = Mat::from_fn(size, size, |i, j| {
+            if i < n && j < n {
+                self.system.matrix[(i, j)]
+            } else {
+                0.0
+            }
+        });
+        let mut vector = self.system.vector.clone();
+        let values = self.values(samples);
+        for (s, response) in extra.iter().enumerate() {
+            let cross = self.system.project(samples, self.index, response);
+            for (i, c) in cross.iter().enumerate() {
+                matrix[(i, n + s)] = *c;
+                matrix[(n + s, i)] = *c;
+            }
+            for (t, other) in extra.iter().enumerate().take(s + 1) {
+                let product = weighted_product(samples, self.index, response, other);
+                matrix[(n + s, n + t)] = product;
+                matrix[(n + t, n + s)] = product;
+            }
+            vector.push(weighted_product(samples, self.index, response, &values));
+        }
+        (matrix, vector)
+    }
+
+    fn values(&self, samples: &Samples) -> Vec<Vec<f64>> {
+        samples
+            .columns
+            .iter()
+            .map(|c| c.value[self.index].clone())
+            .collect()
+    }
+}
+
+/// Where the prior of a fit comes from.
+#[derive(Clone, Copy, Debug)]
+enum Strength {
+    /// Chosen as the recipe says.
+    Chosen(Regularisation),
+    /// Given.
+    Held(SpectralPrior),
+}
+
+/// The fit of one channel: unknowns are the coefficients, one irradiance per source, the systematic errors.
+#[derive(Debug)]
+pub struct Fit {
+    pub posterior: Posterior,
+    pub prior: SpectralPrior,
+    pub choice: RegularisationChoice,
+    responses: Vec<Vec<Vec<f64>>>,
+    log_evidence: f64,
+    /// Weighted sum of squared residuals.
+    square: f64,
+}
+
+impl Fit {
+    /// Samples that the given light would give, \[column\]\[n\].
+    pub fn predict(
+        &self,
+        samples: &Samples,
+        channel: &Channel<'_>,
+        smooth: &Series,
+        irradiance: &[f64],
+        systematics: &[f64],
+    ) -> Vec<Vec<f64>> {
+        let mut predicted = channel.system.predict(samples, smooth);
+        let sources = self.responses.iter().zip(irradiance);
+        for (response, e) in sources.chain(channel.systematics.iter().zip(systematics)) {
+            for (column, f) in predicted.iter_mut().zip(response) {
+                for (b, f) in column.iter_mut().zip(f) {
+                    *b += e * f;
+                }
+            }
+        }
+        predicted
+    }
+}
+
+/// Fits of all channels with common source directions.
+#[derive(Debug)]
+pub struct Mixture {
+    pub fits: Vec<Fit>,
+    /// Directions of the sources, radians.
+    pub directions: Vec<f64>,
+    /// Their standard deviations, radians.
+    pub direction_sigmas: Vec<f64>,
+    log_evidence: f64,
+    coefficients: Vec<usize>,
+}
+
+impl Mixture {
+    /// The likeliest number of sources with the smooth light: none, or the first ones of `candidates`
+    /// (directions, radians, brightest first).
+    pub fn fit(
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        regularisation: Regularisation,
+        candidates: &[f64],
+    ) -> Result<Self> {
+        let mut best = Self::with_directions(samples, channels, &[], regularisation)?;
+        let mut worse = 0;
+        for count in 1..=candidates.len().min(MOST_SOURCES) {
+            let trial = Self::refined(samples, channels, &candidates[..count], regularisation)?;
+            let believed = BELIEF * (count - best.directions.len()) as f64;
+            if trial.log_evidence > best.log_evidence + believed
+                && trial.is_lit()
+                && trial.separates(&best, channels)
+            {
+                best = trial;
+                worse = 0;
+            } else {
+                // One more may be needed before two weaker sources together pay.
+                worse += 1;
+                if worse == 2 {
+                    break;
+                }
+            }
+        }
+        Ok(best)
+    }
+
+    /// Directions improved by Gauss–Newton steps: first as if nearly all light came from the sources, which
+    /// pins them down, then with the prior that the data choose.
+    fn refined(
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        directions: &[f64],
+        regularisation: Regularisation,
+    ) -> Result<Self> {
+        let sharp: Vec<Strength> = channels
+            .iter()
+            .map(|c| Strength::Held(SpectralPrior::flat(SHARP * c.mean_light)))
+            .collect();
+        let pinned = Self::descended(samples, channels, directions, &sharp)?;
+        let chosen = Self::fitted(
+            samples,
+            channels,
+            &pinned,
+            &vec![Strength::Chosen(regularisation); channels.len()],
+        )?;
+        let held: Vec<Strength> = chosen
+            .fits
+            .iter()
+            .map(|f| Strength::Held(f.prior))
+            .collect();
+        let settled = Self::descended(samples, channels, &pinned, &held)?;
+        let mut mixture = Self::with_directions(samples, channels, &settled, regularisation)?;
+        let steps = mixture.direction_steps(samples, channels);
+        // Laplace's approximation for each direction, with all directions equally likely before.
+        for (_, sigma) in &steps {
+            mixture.log_evidence += sigma.ln() - 0.5 * TAU.ln();
+        }
+        mixture.direction_sigmas = steps.into_iter().map(|(_, sigma)| sigma).collect();
+        Ok(mixture)
+    }
+
+    /// Directions at which the Gauss–Newton steps under held priors have come to rest.
+    fn descended(
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        directions: &[f64],
+        strengths: &[Strength],
+    ) -> Result<Vec<f64>> {
+        let mut directions = directions.to_vec();
+        for _ in 0..STEPS {
+            let mixture = Self::fitted(samples, channels, &directions, strengths)?;
+            let steps = mixture.direction_steps(samples, channels);
+            for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
+                *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
+            }
+            // A hundredth of a standard deviation is as good as there.
+            if steps.iter().all(|(step, sigma)| step.abs() < 0.01 * sigma) {
+                break;
+            }
+        }
+        Ok(directions)
+    }
+
+    /// The fit with the sources' directions held.
+    fn with_directions(
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        directions: &[f64],
+        regularisation: Regularisation,
+    ) -> Result<Self> {
+        let strengths = vec![Strength::Chosen(regularisation); channels.len()];
+        Self::fitted(samples, channels, directions, &strengths)
+    }
+
+    fn fitted(
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        directions: &[f64],
+        strengths: &[Strength],
+    ) -> Result<Self> {
+        let fits: Vec<Fit> = channels
+            .par_iter()
+            .zip(strengths)
+            .map(|(channel, strength)| fit_channel(samples, channel, directions, *strength))
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            log_evidence: fits.iter().map(|f| f.log_evidence).sum(),
+            fits,
+            directions: directions.to_vec(),
+            direction_sigmas: vec![0.0; directions.len()],
+            coefficients: channels.iter().map(|c| c.system.vector.len()).collect(),
+        })
+    }
+
+    /// For each source the Gauss–Newton step of its direction and its standard deviation, radians.
+    fn direction_steps(&self, samples: &Samples, channels: &[Channel<'_>]) -> Vec<(f64, f64)> {
+        (0..self.directions.len())
+            .map(|s| {
+                let parts: Vec<(f64, f64)> = channels
+                    .par_iter()
+                    .zip(&self.fits)
+                    .map(|(channel, fit)| self.direction_gradient(samples, channel, fit, s))
+                    .collect();
+                let gradient: f64 = parts.iter().map(|p| p.0).sum();
+                let curvature: f64 = parts.iter().map(|p| p.1).sum();
+                let sigma = curvature.recip().sqrt();
+                if sigma < LOST {
+                    (gradient / curvature, sigma)
+                } else {
+                    (0.0, PI)
+                }
+            })
+            .collect()
+    }
+
+    /// Gradient and curvature of the log posterior by the direction of source `s`, with all other
+    /// unknowns of the channel at their best (profile likelihood).
+    fn direction_gradient(
+        &self,
+        samples: &Samples,
+        channel: &Channel<'_>,
+        fit: &Fit,
+        s: usize,
+    ) -> (f64, f64) {
+        let n = channel.system.vector.len();
+        let irradiance = fit.posterior.mean[n + s];
+        let at = |offset: f64| {
+            let theta = WorldAngle::radians(self.directions[s] + offset);
+            unit_response(samples, channel.brdf, theta)
+        };
+        let mut derivative = at(DIFFERENCE);
+        for (column, before) in derivative.iter_mut().zip(at(-DIFFERENCE)) {
+            for (d, b) in column.iter_mut().zip(before) {
+                *d = (*d - b) / (2.0 * DIFFERENCE);
+            }
+        }
+        let kappa = channel.noise_scale;
+        let values = channel.values(samples);
+        let mut cross = channel.system.project(samples, channel.index, &derivative);
+        for response in fit.responses.iter().chain(&channel.systematics) {
+            cross.push(weighted_product(
+                samples,
+                channel.index,
+                response,
+                &derivative,
+            ));
+        }
+        let data = weighted_product(samples, channel.index, &derivative, &values);
+        let own = weighted_product(samples, channel.index, &derivative, &derivative);
+        let fitted: f64 = cross
+            .iter()
+            .zip(&fit.posterior.mean)
+            .map(|(a, b)| a * b)
+            .sum();
+        let explained = fit.posterior.variance_of(&cross);
+        let gradient = irradiance * (data - fitted) / kappa;
+        let curvature = irradiance.powi(2) * (own / kappa - explained / kappa.powi(2));
+        (gradient, curvature.max(0.0))
+    }
+
+    /// Mean and standard deviation of source `s`'s irradiance in each channel.
+    fn irradiances(&self, s: usize) -> Vec<(f64, f64)> {
+        self.fits
+            .iter()
+            .zip(&self.coefficients)
+            .map(|(fit, n)| {
+                let mut unit = vec![0.0; fit.posterior.mean.len()];
+                unit[n + s] = 1.0;
+                (
+                    fit.posterior.mean[n + s],
+                    fit.posterior.variance_of(&unit).max(0.0).sqrt(),
+                )
+            })
+            .collect()
+    }
+
+    /// Whether every source sends light in some channel and takes it from none beyond its error.
+    fn is_lit(&self) -> bool {
+        (0..self.directions.len()).all(|s| {
+            let all = self.irradiances(s);
+            all.iter().any(|(e, sigma)| *e > 3.0 * sigma)
+                && all.iter().all(|(e, sigma)| *e > -3.0 * sigma)
+        })
+    }
+
+    /// Whether the last source is either far from the others, or explains so much that it cannot be an
+    /// error of the model: two sources within a lobe differ from one by a slight widening, which errors of
+    /// geometry and of the BRDF imitate.
+    fn separates(&self, without: &Self, channels: &[Channel<'_>]) -> bool {
+        let lobe = channels
+            .iter()
+            .map(|c| c.brdf.lobe_width())
+            .fold(f64::INFINITY, f64::min);
+        let Some((last, others)) = self.directions.split_last() else {
+            return true;
+        };
+        let near = others
+            .iter()
+            .any(|other| wrap(last - other).abs() < 0.5 * lobe);
+        !near
+            || channels
+                .iter()
+                .zip(&self.fits)
+                .zip(&without.fits)
+                .any(|((channel, fit), before)| {
+                    let gain = before.square - fit.square;
+                    gain > (SPLIT_ERROR * channel.system.largest).powi(2) * channel.system.weight
+                })
+    }
+
+    /// The sources as they are reported.
+    pub fn source_estimates(&self) -> Vec<SourceEstimate> {
+        (0..self.directions.len())
+            .map(|s| {
+                let all = self.irradiances(s);
+                SourceEstimate {
+                    theta_deg: self.directions[s].to_degrees(),
+                    theta_sigma_deg: self.direction_sigmas[s].to_degrees(),
+                    irradiance: all.iter().map(|(e, _)| e.max(0.0)).collect(),
+                    irradiance_sigma: all.iter().map(|(_, sigma)| *sigma).collect(),
+                }
+            })
+            .collect()
+    }
+}
+
+/// One channel with the sources' directions held: normal equations of coefficients and irradiances.
+fn fit_channel(
+    samples: &Samples,
+    channel: &Channel<'_>,
+    directions: &[f64],
+    strength: Strength,
+) -> Result<Fit> {
+    let system = &channel.system;
+    let n = system.vector.len();
+    let responses: Vec<Vec<Vec<f64>>> = directions
+        .iter()
+        .map(|&theta| unit_response(samples, channel.brdf, WorldAngle::radians(theta)))
+        .collect();
+    let equations = channel.equations(samples, &responses);
+    let problem = channel.problem(&equations, responses.len());
+    let mean_light = channel.mean_light;
+    let named = |criterion: &str, strength: f64| RegularisationChoice {
+        criterion: criterion.into(),
+        strength,
+        curve: Vec::new(),
+    };
+    let regularisation = match strength {
+        Strength::Chosen(regularisation) => regularisation,
+        Strength::Held(prior) => {
+            let posterior = problem.posterior(&prior)?;
+            let choice = named("held", (mean_light / prior.deviation).powi(2));
+            return Ok(Fit {
+                log_evidence: posterior.log_evidence,
+                square: problem.residual(system.square, &posterior.mean),
+                posterior,
+                prior,
+                choice,
+                responses,
+            });
+        }
+    };
+    let (prior, choice) = match regularisation {
+        Regularisation::Evidence if !directions.is_empty() => {
+            search_by_evidence(&problem, mean_light)?
+        }
+        Regularisation::Evidence => {
+            let weak = problem.posterior(&SpectralPrior::flat(mean_light))?;
+            choose_by_evidence(&problem, &weak, mean_light)?
+        }
+        Regularisation::Gcv => choose_by_gcv(&problem, system.square, system.count, mean_light)?,
+        // A thousand times the largest possible coefficient is no prior at all, and keeps the
+        // equations solvable where the data say nothing.
+        Regularisation::None => (SpectralPrior::flat(1e3 * mean_light), named("none", 0.0)),
+        Regularisation::Truncate => {
+            let weak = problem.posterior(&SpectralPrior::flat(mean_light))?;
+            let covariance = weak.covariance();
+            let last = (1..n)
+                .filter(|&i| covariance[(i, i)].sqrt() <= WEAK * mean_light)
+                .max()
+                .map_or(1, |i| i.div_ceil(2));
+            let prior = SpectralPrior {
+                deviation: 1e3 * mean_light,
+                corner: last as f64 + 0.5,
+                steepness: 200,
+            };
+            (prior, named("truncate", last as f64))
+        }
+        Regularisation::Fixed(strength) => {
+            let deviation = mean_light / strength.max(f64::MIN_POSITIVE).sqrt();
+            (SpectralPrior::flat(deviation), named("fixed", strength))
+        }
+    };
+    let posterior = problem.posterior(&prior)?;
+    // The irradiances' flat prior over [0, 2π L_0], the largest that the mean light allows.
+    let log_irradiance_prior = directions.len() as f64 * (0.5 * TAU.ln() - (TAU * mean_light).ln());
+    Ok(Fit {
+        log_evidence: posterior.log_evidence + log_irradiance_prior,
+        square: problem.residual(system.square, &posterior.mean),
+        posterior,
+        prior,
+        choice,
+        responses,
+    })
+}

@@ -1,0 +1,521 @@
+//! Lighting from a known BRDF (`recover = "lighting"`).
+//!
+//! The light is a smooth part, Σ L_p e^{ipθ} with a Gaussian prior on its spectrum
+//! ([`SpectralPrior`]), and, where the marginal likelihood asks for them, distant sources with an
+//! exact response. Both are fitted together by weighted least squares on the samples
+//! ([`crate::recover::normal`]); then L(θ) ≥ 0 is imposed ([`positivity`]).
+//!
+//! *What is determined* is judged without the prior that the data chose: against the weakest prior
+//! that makes sense for light, a deviation of L_0 for every L_p (|L_p| ≤ L_0 for light that is not
+//! negative). With σ the posterior deviation of L_p under it, L_p is `determined` if σ ≤
+//! [`DETERMINED`]·L_0, `weak` if σ ≤ [`WEAK`]·L_0, else `indeterminate`.
+
+mod estimate;
+mod mixture;
+pub mod positivity;
+mod prior;
+mod sources;
+
+use std::f64::consts::{PI, TAU};
+
+use faer::Mat;
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use crate::angle::{NormalAngle, WorldAngle, wrap};
+use crate::brdf::{Brdf, Material, transfer_row};
+use crate::error::{Error, Result};
+use crate::fourier::{CircleTransform, Series};
+use crate::light_field::{Column, Samples, Systematic};
+use crate::recover::Status;
+use crate::recover::normal::{NormalSystem, position, to_series};
+
+pub use estimate::{
+    ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, SourceEstimate,
+};
+use mixture::{Channel, Mixture};
+use prior::Posterior;
+pub use prior::SpectralPrior;
+pub use sources::unit_response;
+
+/// σ(L_p)/L_0 up to which a coefficient is determined.
+pub const DETERMINED: f64 = 0.05;
+/// σ(L_p)/L_0 up to which a coefficient is weakly determined.
+pub const WEAK: f64 = 0.5;
+/// Smallest response |H_p| that is trusted, relative to |H_0|: no BRDF is known better, and below it the
+/// model's errors pass for light.
+const RESPONSE_FLOOR: f64 = 2e-4;
+/// Values of L(θ) in the products: every 0.5° from −180°.
+pub const TABLE: usize = 720;
+/// Largest frequency of the model unless the recipe names one. A lobe of width w (2σ if it were a
+/// Gaussian) has passed 1e-6 of the light's amplitude at p ≈ 10/w; slower tails come from edges of
+/// the half circle, and errors of the surface's model drown them.
+fn model_order(brdf: &dyn Brdf) -> usize {
+    (14.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
+}
+
+/// What the user can choose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// The light is taken as band-limited to this frequency; `None`: as far as the data say anything.
+    pub band: Option<usize>,
+    /// How the strength of the prior is chosen.
+    pub regularisation: Regularisation,
+    /// Impose L(θ) ≥ 0, and look for sources.
+    pub non_negative: bool,
+}
+
+/// How the strength of the prior is chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Regularisation {
+    /// By marginal likelihood, its shape too.
+    Evidence,
+    /// By generalised cross-validation, of a flat prior.
+    Gcv,
+    /// No prior; the model ends at the last frequency that the data determine.
+    Truncate,
+    /// No prior.
+    None,
+    /// A flat prior of deviation L_0/√strength.
+    Fixed(f64),
+}
+
+/// Recovers the lighting from samples of a light field on a surface of known BRDF.
+///
+/// # Errors
+/// If the material does not have the samples' channels, if there is no sample, if all samples are
+/// zero, or if the surface reflects nothing towards any sample.
+pub fn recover(
+    samples: &Samples,
+    material: &Material,
+    options: &Options,
+) -> Result<LightingEstimate> {
+    recover_with(samples, &[], material, options)
+}
+
+/// The same with systematic errors that all samples share: they are fitted along, each with a normal prior of one
+/// standard deviation, so that the light's σ holds what they leave open.
+///
+/// # Errors
+/// As [`recover`].
+pub fn recover_with(
+    samples: &Samples,
+    systematics: &[Systematic],
+    material: &Material,
+    options: &Options,
+) -> Result<LightingEstimate> {
+    if material.brdfs.len() != samples.channels.len() {
+        return Err(Error::input(format!(
+            "expected a BRDF for each of the channels {}, found {}",
+            samples.channels.join(", "),
+            material.channels.join(", ")
+        )));
+    }
+    let channels: Vec<Channel<'_>> = (0..samples.channels.len())
+        .into_par_iter()
+        .map(|c| {
+            let changes = systematics.iter().map(|s| s.change[c].clone()).collect();
+            prepare(samples, c, material.brdfs[c].as_ref(), changes, options)
+        })
+        .collect::<Result<_>>()?;
+    let weak: Vec<Posterior> = channels
+        .par_iter()
+        .map(|channel| channel.weak_posterior(samples))
+        .collect::<Result<_>>()?;
+    let mirror = material.brdfs.iter().any(|b| {
+        samples
+            .columns
+            .iter()
+            .any(|column| b.mirror(column.local) != 0.0)
+    });
+    // A source is not band-limited, and a mirror's response to one is a delta that samples miss.
+    let look_for_sources = options.non_negative && options.band.is_none() && !mirror;
+    let candidates = if look_for_sources {
+        brightest_peaks(&channels, &weak)?
+    } else {
+        Vec::new()
+    };
+    let mixture = Mixture::fit(samples, &channels, options.regularisation, &candidates)?;
+
+    let estimates = (0..channels.len())
+        .into_par_iter()
+        .map(|c| finish(samples, &channels[c], &weak[c], &mixture, c, options))
+        .collect::<Result<_>>()?;
+    Ok(LightingEstimate {
+        channels: estimates,
+        sources: mixture.source_estimates(),
+    })
+}
+
+/// The normal equations of one channel, up to the frequency beyond which the data say nothing.
+fn prepare<'a>(
+    samples: &Samples,
+    channel: usize,
+    brdf: &'a dyn Brdf,
+    systematics: Vec<Vec<Vec<f64>>>,
+    options: &Options,
+) -> Result<Channel<'a>> {
+    let name = &samples.channels[channel];
+    if samples.count(channel) == 0 {
+        return Err(Error::input(format!("channel {name} has no usable sample"))
+            .advice("Every pixel is clipped, masked or beyond the limb cut."));
+    }
+    let order = options.band.unwrap_or_else(|| model_order(brdf));
+    let mut transfer: Vec<Vec<Complex64>> = samples
+        .columns
+        .par_iter()
+        .map(|c| transfer_row(brdf, c.local, order))
+        .collect();
+    let (mean_light, informative) = first_look(samples, channel, &transfer);
+    if !(mean_light > 0.0 && mean_light.is_finite()) {
+        return Err(Error::input(format!(
+            "channel {name}: the mean light comes out as {mean_light:.3e}, expected a positive number"
+        ))
+        .advice("Check that the photos show the object, that the black level is right, and that the BRDF reflects light in this channel."));
+    }
+    let order = if options.band.is_some() {
+        order
+    } else {
+        informative
+    };
+    for row in &mut transfer {
+        row.truncate(order + 1);
+    }
+    let system = NormalSystem::with_transfer(samples, channel, transfer, order);
+    Channel::new(
+        name.clone(),
+        samples,
+        channel,
+        brdf,
+        system,
+        systematics,
+        mean_light,
+    )
+}
+
+/// L_0 as if the light were uniform, and the largest p that could show above the noise and above
+/// [`RESPONSE_FLOOR`] if L_p were as large as it can be, L_0.
+fn first_look(samples: &Samples, channel: usize, transfer: &[Vec<Complex64>]) -> (f64, usize) {
+    let order = transfer.first().map_or(0, |row| row.len() - 1);
+    let (mut signal, mut information) = (0.0, vec![0.0; order + 1]);
+    for (column, h) in samples.columns.iter().zip(transfer) {
+        let mut weight = 0.0;
+        for (v, b) in column.variance[channel].iter().zip(&column.value[channel]) {
+            if v.is_finite() && *v > 0.0 {
+                weight += 1.0 / v;
+                signal += h[0].re * b / v;
+            }
+        }
+        for (sum, h) in information.iter_mut().zip(h) {
+            *sum += weight * h.norm_sqr();
+        }
+    }
+    let mean_light = signal / information[0];
+    // 0.01: a tenth of a standard deviation.
+    let shows = |p: usize| information[p] * mean_light.powi(2) > 0.01;
+    let trusted = |p: usize| information[p] > RESPONSE_FLOOR.powi(2) * information[0];
+    let informative = (0..=order)
+        .rev()
+        .find(|&p| shows(p) && trusted(p))
+        .unwrap_or(0);
+    (mean_light, informative)
+}
+
+/// Directions that may hold sources, brightest first: the peaks of the light under the weakest prior
+/// with L(θ) ≥ 0, which sharpens them far beyond the band, by their irradiance over all channels in units
+/// of the mean light.
+fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f64>> {
+    let lights: Vec<Vec<f64>> = channels
+        .par_iter()
+        .zip(weak)
+        .map(|(channel, weak)| {
+            let mut x = constrained(weak, channel.system.order, 0)?;
+            x.truncate(channel.system.vector.len());
+            let synthesis = synthesis_matrix(channel.system.order, TABLE);
+            Ok((0..TABLE)
+                .map(|k| {
+                    let light: f64 = (0..x.len()).map(|i| synthesis[(k, i)] * x[i]).sum();
+                    light / channel.mean_light
+                })
+                .collect())
+        })
+        .collect::<Result<_>>()?;
+    let sum: Vec<f64> = (0..TABLE)
+        .map(|k| lights.iter().map(|l| l[k]).sum())
+        .collect();
+    let at = |k: isize| sum[k.rem_euclid(TABLE as isize) as usize];
+    let mut peaks = Vec::new();
+    for k in 0..TABLE as isize {
+        // A peak of light that is nowhere twice its mean is no source.
+        if !(at(k) > at(k - 1) && at(k) >= at(k + 1) && at(k) > 2.0 * channels.len() as f64) {
+            continue;
+        }
+        // Down to the valleys on both sides.
+        let (mut low, mut high) = (k, k);
+        while k - low < TABLE as isize / 2 && at(low - 1) < at(low) {
+            low -= 1;
+        }
+        while high - k < TABLE as isize / 2 && at(high + 1) < at(high) {
+            high += 1;
+        }
+        let floor = at(low).max(at(high));
+        let (mut total, mut moment) = (0.0, 0.0);
+        for i in low..=high {
+            let above = (at(i) - floor).max(0.0);
+            total += above;
+            moment += above * (i - k) as f64;
+        }
+        let theta = -PI + TAU * (k as f64 + moment / total) / TABLE as f64;
+        peaks.push((total, wrap(theta)));
+    }
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    Ok(peaks.into_iter().map(|(_, theta)| theta).collect())
+}
+
+/// From the fit to what is reported.
+fn finish(
+    samples: &Samples,
+    channel: &Channel<'_>,
+    weak: &Posterior,
+    mixture: &Mixture,
+    index: usize,
+    options: &Options,
+) -> Result<ChannelEstimate> {
+    let fit = &mixture.fits[index];
+    let covariance = fit.posterior.covariance();
+    let weak = weak.covariance();
+    let order = channel.system.order;
+    let n = 2 * order + 1;
+    let synthesis = synthesis_matrix(order, TABLE);
+    let mut unknowns = fit.posterior.mean.clone();
+    if options.non_negative {
+        unknowns = constrained(&fit.posterior, order, mixture.directions.len())?;
+    }
+    let smooth = to_series(&unknowns[..n]);
+    let (irradiance, systematics) = unknowns[n..].split_at(mixture.directions.len());
+
+    let mut table: Vec<f64> = (0..TABLE)
+        .map(|k| {
+            let value: f64 = (0..n).map(|i| synthesis[(k, i)] * unknowns[i]).sum();
+            // What is left below zero lies between the angles at which the constraint was imposed.
+            if options.non_negative {
+                value.max(0.0)
+            } else {
+                value
+            }
+        })
+        .collect();
+    let spread = &synthesis * covariance.submatrix(0, 0, n, n);
+    let mut table_variance: Vec<f64> = (0..TABLE)
+        .map(|k| {
+            (0..n)
+                .map(|i| spread[(k, i)] * synthesis[(k, i)])
+                .sum::<f64>()
+                .max(0.0)
+        })
+        .collect();
+    let step = TAU / TABLE as f64;
+    for (s, (&theta, &e)) in mixture.directions.iter().zip(irradiance).enumerate() {
+        let variance = covariance[(n + s, n + s)];
+        // The two nearest values share the source so that its irradiance and its direction are kept.
+        let at = (theta + PI).rem_euclid(TAU) / step;
+        let (k, t) = (at.floor() as usize, at.fract());
+        for (k, share) in [(k % TABLE, 1.0 - t), ((k + 1) % TABLE, t)] {
+            table[k] += share * e / step;
+            table_variance[k] += variance * (share / step).powi(2);
+        }
+    }
+
+    let spectrum: Vec<Coefficient> = (0..=order)
+        .map(|p| coefficient(channel, &weak, mixture, &covariance, &smooth, irradiance, p))
+        .collect();
+    let determined_band = spectrum
+        .iter()
+        .take_while(|c| c.status == Status::Determined)
+        .count()
+        .checked_sub(1);
+    let predicted = fit.predict(samples, channel, &smooth, irradiance, systematics);
+    let (mut sum, mut chi2, mut largest, mut count) = (0.0, 0.0, 0.0f64, 0usize);
+    for (column, predicted) in samples.columns.iter().zip(&predicted) {
+        let measured = column.value[channel.index]
+            .iter()
+            .zip(&column.variance[channel.index]);
+        for ((b, v), f) in measured.zip(predicted) {
+            if v.is_finite() && *v > 0.0 {
+                sum += (b - f).powi(2);
+                chi2 += (b - f).powi(2) / v;
+                largest = largest.max(b.abs());
+                count += 1;
+            }
+        }
+    }
+    let residual_rms = (sum / count.max(1) as f64).sqrt();
+    Ok(ChannelEstimate {
+        name: channel.name.clone(),
+        table,
+        table_sigma: table_variance.iter().map(|v| v.sqrt()).collect(),
+        smooth,
+        irradiance: irradiance.to_vec(),
+        spectrum,
+        determined_band,
+        residual_rms,
+        residual_relative: residual_rms / largest,
+        chi2: chi2 / count.max(1) as f64,
+        regularisation: fit.choice.clone(),
+    })
+}
+
+/// L_p of smooth part and sources together.
+fn coefficient(
+    channel: &Channel<'_>,
+    weak: &Mat<f64>,
+    mixture: &Mixture,
+    covariance: &Mat<f64>,
+    smooth: &Series,
+    irradiance: &[f64],
+    p: usize,
+) -> Coefficient {
+    let n = 2 * channel.system.order + 1;
+    let parts = if p == 0 { 1 } else { 2 };
+    let mut value = smooth.coefficients[p];
+    for (&theta, &e) in mixture.directions.iter().zip(irradiance) {
+        value += e / TAU * Complex64::cis(-(p as f64) * theta);
+    }
+    let mut variance = 0.0;
+    for part in 0..parts {
+        // The real or the imaginary part as a combination of the unknowns.
+        let mut combination = vec![(position(p) + part, 1.0)];
+        for (s, &theta) in mixture.directions.iter().enumerate() {
+            let phase = Complex64::cis(-(p as f64) * theta) / TAU;
+            combination.push((n + s, if part == 0 { phase.re } else { phase.im }));
+        }
+        for &(i, a) in &combination {
+            for &(j, b) in &combination {
+                variance += a * b * covariance[(i, j)];
+            }
+        }
+    }
+    for (&sigma, &e) in mixture.direction_sigmas.iter().zip(irradiance) {
+        variance += (p as f64 * e / TAU * sigma).powi(2);
+    }
+    let prior_precision = SpectralPrior::flat(channel.mean_light).precision(position(p));
+    let weak_variance = (0..parts)
+        .map(|k| weak[(position(p) + k, position(p) + k)])
+        .sum::<f64>()
+        / parts as f64;
+    let information = 1.0 / weak_variance - prior_precision;
+    let weak_sigma = weak_variance.sqrt() / channel.mean_light;
+    Coefficient {
+        value,
+        sigma: (variance / parts as f64).max(0.0).sqrt(),
+        // Below a hundredth of the prior's information the difference is rounding.
+        bound: if information > 0.01 * prior_precision {
+            information.recip().sqrt()
+        } else {
+            f64::INFINITY
+        },
+        status: if weak_sigma <= DETERMINED {
+            Status::Determined
+        } else if weak_sigma <= WEAK {
+            Status::Weak
+        } else {
+            Status::Indeterminate
+        },
+    }
+}
+
+/// Rows: angles −π + 2πk/m; columns: the unknowns; the product is L(θ).
+fn synthesis_matrix(order: usize, m: usize) -> Mat<f64> {
+    Mat::from_fn(m, 2 * order + 1, |k, i| {
+        let theta = -PI + TAU * k as f64 / m as f64;
+        let p = i.div_ceil(2) as f64;
+        match i {
+            0 => 1.0,
+            _ if i % 2 == 1 => 2.0 * (p * theta).cos(),
+            _ => -2.0 * (p * theta).sin(),
+        }
+    })
+}
+
+/// The posterior mean under L(θ) ≥ 0 at 4P angles and non-negative irradiances.
+fn constrained(posterior: &Posterior, order: usize, sources: usize) -> Result<Vec<f64>> {
+    let n = 2 * order + 1;
+    let angles = (4 * order).max(8);
+    let synthesis = synthesis_matrix(order, angles);
+    let constraints = Mat::from_fn(angles + sources, posterior.mean.len(), |k, i| {
+        if k < angles && i < n {
+            synthesis[(k, i)]
+        } else {
+            f64::from(u8::from(k >= angles && i >= n && k - angles == i - n))
+        }
+    });
+    positivity::constrain(&posterior.mean, &posterior.covariance(), &constraints)
+}
+
+/// B that the estimate predicts for every sample that is not missing, \[channel\]\[column\]\[n\]; 0 for
+/// the others.
+pub fn predict(
+    estimate: &LightingEstimate,
+    material: &Material,
+    samples: &Samples,
+) -> Vec<Vec<Vec<f64>>> {
+    let predict_column = |c: usize, column: &Column| -> Vec<f64> {
+        let (channel, brdf) = (&estimate.channels[c], material.brdfs[c].as_ref());
+        let seen = |i: usize| column.variance[c][i].is_finite();
+        let n = column.alpha.len();
+        if !(0..n).any(seen) {
+            return vec![0.0; n];
+        }
+        let row = transfer_row(brdf, column.local, channel.smooth.order());
+        let reflected = Series {
+            coefficients: row
+                .iter()
+                .zip(&channel.smooth.coefficients)
+                .map(|(h, l)| h * l)
+                .collect(),
+        };
+        let on_circle = column
+            .regular()
+            .map(|n| CircleTransform::new(n, column.alpha[0]).synthesise(&reflected));
+        (0..n)
+            .map(|i| {
+                if !seen(i) {
+                    return 0.0;
+                }
+                let smooth = match &on_circle {
+                    Some(values) => values[i],
+                    None => reflected.evaluate(column.alpha[i]),
+                };
+                let sources: f64 = estimate
+                    .sources
+                    .iter()
+                    .zip(&channel.irradiance)
+                    .map(|(source, e)| {
+                        let normal = NormalAngle::radians(column.alpha[i]);
+                        let incident = WorldAngle::degrees(source.theta_deg) - normal;
+                        let cosine = incident.visible_cosine();
+                        if cosine > 0.0 {
+                            e * cosine * brdf.value(incident, column.local)
+                        } else {
+                            0.0
+                        }
+                    })
+                    .sum();
+                smooth + sources
+            })
+            .collect()
+    };
+    (0..estimate.channels.len())
+        .into_par_iter()
+        .map(|c| {
+            samples
+                .columns
+                .par_iter()
+                .map(|column| predict_column(c, column))
+                .collect()
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,424 @@
+//! The weighted least-squares problem of the lighting, by its structure.
+//!
+//! Samples b_i ≈ Σ_p L_p H_p(θo′_i) e^{ipα_i} are linear in L. Within a column of equal θo′ the normal
+//! matrix depends on the samples only through S_d = Σ_i w_i e^{idα_i}, so it costs
+//! O(columns · (samples · P + P²)) instead of O(samples · P²), and the design matrix is never formed.
+//!
+//! Unknowns are real: x = (L_0, Re L_1, Im L_1, Re L_2, …), 2P + 1 values.
+
+use faer::Mat;
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use crate::brdf::{Brdf, transfer_row};
+use crate::fourier::{CircleTransform, Series};
+use crate::light_field::{Column, Samples};
+
+/// Columns that one task sums up before the tasks' results are added in order: fixed, so that the
+/// result does not depend on the number of threads.
+const CHUNK: usize = 12;
+
+/// Normal equations A x = y of one channel, and what is needed to predict samples.
+#[derive(Clone, Debug)]
+pub struct NormalSystem {
+    /// P, the largest frequency of the model.
+    pub order: usize,
+    /// A = Dᵀ W D, \[2P+1, 2P+1\], symmetric.
+    pub matrix: Mat<f64>,
+    /// y = Dᵀ W b, \[2P+1\].
+    pub vector: Vec<f64>,
+    /// bᵀ W b.
+    pub square: f64,
+    /// Number of samples with finite variance.
+    pub count: usize,
+    /// Sum of their weights.
+    pub weight: f64,
+    /// Their largest |b|.
+    pub largest: f64,
+    /// H_p(θo′) for each column, \[column\]\[p\], 0 ≤ p ≤ P.
+    pub transfer: Vec<Vec<Complex64>>,
+}
+
+/// Position of Re L_p in the vector of unknowns; Im L_p (p ≥ 1) follows it.
+pub fn position(p: usize) -> usize {
+    if p == 0 { 0 } else { 2 * p - 1 }
+}
+
+/// The unknowns as a series.
+pub fn to_series(x: &[f64]) -> Series {
+    let order = x.len() / 2;
+    let coefficients = (0..=order)
+        .map(|p| match p {
+            0 => Complex64::new(x[0], 0.0),
+            _ => Complex64::new(x[2 * p - 1], x[2 * p]),
+        })
+        .collect();
+    Series { coefficients }
+}
+
+/// A series as unknowns.
+pub fn from_series(series: &Series) -> Vec<f64> {
+    let mut x = vec![0.0; 2 * series.order() + 1];
+    for (p, c) in series.coefficients.iter().enumerate() {
+        x[position(p)] = c.re;
+        if p > 0 {
+            x[position(p) + 1] = c.im;
+        }
+    }
+    x
+}
+
+/// Weight 1/σ² of a sample; 0 if it is missing.
+fn weight(variance: f64) -> f64 {
+    if variance.is_finite() && variance > 0.0 {
+        1.0 / variance
+    } else {
+        0.0
+    }
+}
+
+/// Σ_i value_i e^{−idα_i} for 0 ≤ d ≤ order: an FFT on a regular circle, else by recurrence.
+fn exponential_sums(column: &Column, values: &[f64], order: usize) -> Vec<Complex64> {
+    if let Some(n) = column.regular()
+        && order > 4
+    {
+        let start = column.alpha.first().copied().unwrap_or(0.0);
+        return CircleTransform::new(n, start).sum(values, order);
+    }
+    let mut sums = vec![Complex64::ZERO; order + 1];
+    for (&alpha, &value) in column.alpha.iter().zip(values) {
+        if value == 0.0 {
+            continue;
+        }
+        let step = Complex64::cis(-alpha);
+        let mut turn = Complex64::new(value, 0.0);
+        for s in &mut sums {
+            *s += turn;
+            turn *= step;
+        }
+    }
+    sums
+}
+
+impl NormalSystem {
+    /// Sums up the samples of `channel` for a light of frequencies up to `order` on the surface
+    /// `brdf`.
+    pub fn new(samples: &Samples, channel: usize, brdf: &dyn Brdf, order: usize) -> Self {
+        let transfer: Vec<Vec<Complex64>> = samples
+            .columns
+            .par_iter()
+            .map(|c| transfer_row(brdf, c.local, order))
+            .collect();
+        Self::with_transfer(samples, channel, transfer, order)
+    }
+
+    /// The same with H_p(θo′) given for each column, \[column\]\[p\].
+    pub fn with_transfer(
+        samples: &Samples,
+        channel: usize,
+        transfer: Vec<Vec<Complex64>>,
+        order: usize,
+    ) -> Self {
+        let n = 2 * order + 1;
+        let parts: Vec<Part> = samples
+            .columns
+            .par_chunks(CHUNK)
+            .zip(transfer.par_chunks(CHUNK))
+            .map(|(columns, rows)| {
+                let mut part = Part::new(order);
+                for (column, h) in columns.iter().zip(rows) {
+                    part.add(column, channel, h);
+                }
+                part
+            })
+            .collect();
+        let mut sum = Part::new(order);
+        for part in &parts {
+            sum.merge(part);
+        }
+        let matrix = Mat::from_fn(n, n, |i, j| sum.matrix[i.max(j) * n + i.min(j)]);
+        Self {
+            order,
+            matrix,
+            vector: sum.vector,
+            square: sum.square,
+            count: sum.count,
+            weight: sum.weight,
+            largest: sum.largest,
+            transfer,
+        }
+    }
+
+    /// Dᵀ W f for any function f given at the samples, \[column\]\[n\]; f at missing samples is
+    /// ignored.
+    pub fn project(&self, samples: &Samples, channel: usize, f: &[Vec<f64>]) -> Vec<f64> {
+        let parts: Vec<Vec<f64>> = samples
+            .columns
+            .par_chunks(CHUNK)
+            .zip(self.transfer.par_chunks(CHUNK))
+            .zip(f.par_chunks(CHUNK))
+            .map(|((columns, rows), values)| {
+                let mut y = vec![0.0; 2 * self.order + 1];
+                for ((column, h), f) in columns.iter().zip(rows).zip(values) {
+                    let weighted: Vec<f64> = f
+                        .iter()
+                        .zip(&column.variance[channel])
+                        .map(|(f, v)| match weight(*v) {
+                            0.0 => 0.0,
+                            w => w * f,
+                        })
+                        .collect();
+                    add_projection(&mut y, h, &exponential_sums(column, &weighted, self.order));
+                }
+                y
+            })
+            .collect();
+        let mut y = vec![0.0; 2 * self.order + 1];
+        for part in &parts {
+            for (a, b) in y.iter_mut().zip(part) {
+                *a += b;
+            }
+        }
+        y
+    }
+
+    /// The samples that light `series` would give, \[column\]\[n\].
+    pub fn predict(&self, samples: &Samples, series: &Series) -> Vec<Vec<f64>> {
+        samples
+            .columns
+            .par_iter()
+            .zip(&self.transfer)
+            .map(|(column, h)| {
+                let b = Series {
+                    coefficients: h
+                        .iter()
+                        .zip(&series.coefficients)
+                        .map(|(h, l)| h * l)
+                        .collect(),
+                };
+                match column.regular() {
+                    Some(n) => {
+                        let start = column.alpha.first().copied().unwrap_or(0.0);
+                        CircleTransform::new(n, start).synthesise(&b)
+                    }
+                    None => column.alpha.iter().map(|&a| b.evaluate(a)).collect(),
+                }
+            })
+            .collect()
+    }
+}
+
+/// y += Dᵀ of a column, from T_d = Σ w f e^{−idα}.
+fn add_projection(y: &mut [f64], h: &[Complex64], t: &[Complex64]) {
+    y[0] += h[0].re * t[0].re;
+    for p in 1..h.len().min(t.len()) {
+        // Σ w f · 2 Re(H_p e^{ipα}) and Σ w f · (−2 Im(H_p e^{ipα})), with Σ w f e^{ipα} = conj T_p.
+        let g = 2.0 * h[p] * t[p].conj();
+        y[2 * p - 1] += g.re;
+        y[2 * p] -= g.im;
+    }
+}
+
+/// The sums of some columns; only the lower triangle of the matrix is filled.
+struct Part {
+    order: usize,
+    matrix: Vec<f64>,
+    vector: Vec<f64>,
+    square: f64,
+    count: usize,
+    weight: f64,
+    largest: f64,
+}
+
+impl Part {
+    fn new(order: usize) -> Self {
+        let n = 2 * order + 1;
+        Self {
+            order,
+            matrix: vec![0.0; n * n],
+            vector: vec![0.0; n],
+            square: 0.0,
+            count: 0,
+            weight: 0.0,
+            largest: 0.0,
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        for (a, b) in self.matrix.iter_mut().zip(&other.matrix) {
+            *a += b;
+        }
+        for (a, b) in self.vector.iter_mut().zip(&other.vector) {
+            *a += b;
+        }
+        self.square += other.square;
+        self.count += other.count;
+        self.weight += other.weight;
+        self.largest = self.largest.max(other.largest);
+    }
+
+    fn add(&mut self, column: &Column, channel: usize, h: &[Complex64]) {
+        let n = 2 * self.order + 1;
+        let weights: Vec<f64> = column.variance[channel]
+            .iter()
+            .map(|&v| weight(v))
+            .collect();
+        let mut weighted = vec![0.0; weights.len()];
+        for ((out, &w), &b) in weighted
+            .iter_mut()
+            .zip(&weights)
+            .zip(&column.value[channel])
+        {
+            if w > 0.0 {
+                *out = w * b;
+                self.square += w * b * b;
+                self.count += 1;
+                self.weight += w;
+                self.largest = self.largest.max(b.abs());
+            }
+        }
+        add_projection(
+            &mut self.vector,
+            h,
+            &exponential_sums(column, &weighted, self.order),
+        );
+        // S_d = Σ w e^{idα}.
+        let s: Vec<Complex64> = exponential_sums(column, &weights, 2 * self.order)
+            .iter()
+            .map(Complex64::conj)
+            .collect();
+        let h0 = h[0].re;
+        self.matrix[0] += h0 * h0 * s[0].re;
+        for p in 1..=self.order {
+            let (re, im) = (2 * p - 1, 2 * p);
+            let with_mean = 2.0 * h0 * h[p] * s[p];
+            self.matrix[re * n] += with_mean.re;
+            self.matrix[im * n] -= with_mean.im;
+            let (upper, lower) = self.matrix.split_at_mut(im * n);
+            let row_re = &mut upper[re * n..re * n + n];
+            let row_im = &mut lower[..n];
+            for q in 1..=p {
+                // Σ w G_p conj(G_q) and Σ w G_p G_q with G_p = H_p e^{ipα}.
+                let difference = h[p] * h[q].conj() * s[p - q];
+                let sum = h[p] * h[q] * s[p + q];
+                row_re[2 * q - 1] += 2.0 * (difference.re + sum.re);
+                row_re[2 * q] += 2.0 * (difference.im - sum.im);
+                row_im[2 * q - 1] -= 2.0 * (difference.im + sum.im);
+                row_im[2 * q] += 2.0 * (difference.re - sum.re);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::LocalAngle;
+    use crate::grid::Grid;
+
+    #[derive(Debug)]
+    struct Lobe;
+
+    impl Brdf for Lobe {
+        fn value(&self, incident: LocalAngle, exitant: LocalAngle) -> f64 {
+            if !incident.is_visible() || !exitant.is_visible() {
+                return 0.0;
+            }
+            0.1 + (-20.0 * (incident.rad() + exitant.rad()).powi(2)).exp() + 0.05 * incident.rad()
+        }
+
+        fn lobe_width(&self) -> f64 {
+            0.2
+        }
+    }
+
+    /// The dense design matrix, row by row: the oracle.
+    fn dense(samples: &Samples, transfer: &[Vec<Complex64>], order: usize) -> (Mat<f64>, Vec<f64>) {
+        let n = 2 * order + 1;
+        let mut matrix = Mat::zeros(n, n);
+        let mut vector = vec![0.0; n];
+        for (column, h) in samples.columns.iter().zip(transfer) {
+            for i in 0..column.alpha.len() {
+                let w = weight(column.variance[0][i]);
+                let mut row = vec![h[0].re];
+                for (p, h) in h.iter().enumerate().skip(1) {
+                    let g = h * Complex64::cis(p as f64 * column.alpha[i]);
+                    row.push(2.0 * g.re);
+                    row.push(-2.0 * g.im);
+                }
+                for a in 0..n {
+                    for b in 0..n {
+                        matrix[(a, b)] += w * row[a] * row[b];
+                    }
+                    if w > 0.0 {
+                        vector[a] += w * row[a] * column.value[0][i];
+                    }
+                }
+            }
+        }
+        (matrix, vector)
+    }
+
+    fn irregular(regular: bool) -> Samples {
+        let grid = Grid {
+            normals: 24,
+            locals: 14,
+        };
+        let value: Vec<f64> = (0..grid.len())
+            .map(|k| ((k * k) as f64 * 0.37).sin() + 1.0)
+            .collect();
+        let variance: Vec<f64> = (0..grid.len())
+            .map(|k| {
+                if k % 7 == 3 {
+                    f64::INFINITY
+                } else {
+                    0.5 + (k % 5) as f64
+                }
+            })
+            .collect();
+        let mut samples = Samples::from_grid(grid, vec!["Y".into()], &[value], &[variance]);
+        if !regular {
+            for (j, column) in samples.columns.iter_mut().enumerate() {
+                for (i, a) in column.alpha.iter_mut().enumerate() {
+                    *a += 0.01 * ((i * 13 + j) as f64).sin();
+                }
+            }
+        }
+        samples
+    }
+
+    #[test]
+    fn the_structured_matrix_equals_the_dense_one() {
+        for regular in [true, false] {
+            let samples = irregular(regular);
+            let order = 9;
+            let system = NormalSystem::new(&samples, 0, &Lobe, order);
+            let (matrix, vector) = dense(&samples, &system.transfer, order);
+            // Rounding of sums of about 300 terms of the matrix's largest size.
+            let size = matrix[(0, 0)].abs() * 1e-12;
+            for a in 0..2 * order + 1 {
+                for b in 0..2 * order + 1 {
+                    assert!(
+                        (matrix[(a, b)] - system.matrix[(a, b)]).abs() < size,
+                        "{a} {b}"
+                    );
+                }
+                assert!((vector[a] - system.vector[a]).abs() < size);
+            }
+        }
+    }
+
+    #[test]
+    fn predictions_are_the_adjoint_of_projections() {
+        let samples = irregular(false);
+        let system = NormalSystem::new(&samples, 0, &Lobe, 6);
+        let x: Vec<f64> = (0..13).map(|k| (k as f64 * 1.3).cos()).collect();
+        let predicted = system.predict(&samples, &to_series(&x));
+        // D x projected is A x.
+        let projected = system.project(&samples, 0, &predicted);
+        for (a, projected) in projected.iter().enumerate() {
+            let ax: f64 = (0..13).map(|b| system.matrix[(a, b)] * x[b]).sum();
+            assert!((ax - projected).abs() < 1e-9 * system.matrix[(0, 0)]);
+        }
+    }
+}

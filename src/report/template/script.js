@@ -1,0 +1,189 @@
+"use strict";
+/* Values under the pointer. The page is complete without it. */
+(() => {
+  const box = document.getElementById("readout");
+  const number = (v, digits = 4) => {
+    if (!Number.isFinite(v)) return "—";
+    if (v === 0) return "0";
+    const size = Math.abs(v);
+    const text = size >= 1e-3 && size < 1e6 ? v.toPrecision(digits) : v.toExponential(digits - 1);
+    return text.replaceAll("-", "−");
+  };
+  const angle = (v) => v.toFixed(2).replace("-", "−");
+  const show = (event, text) => {
+    box.textContent = text;
+    box.hidden = false;
+    const { width, height } = box.getBoundingClientRect();
+    const x = Math.min(event.clientX + 14, innerWidth - width - 6);
+    const y = event.clientY - height - 12;
+    box.style.left = `${Math.max(4, x)}px`;
+    box.style.top = `${y > 4 ? y : event.clientY + 18}px`;
+  };
+  const hide = () => { box.hidden = true; };
+
+  const parseCsv = (text) => {
+    const rows = [[""]];
+    let quoted = false;
+    for (let i = 0; i < text.length; i++) {
+      const c = text[i];
+      const row = rows[rows.length - 1];
+      if (quoted) {
+        if (c === '"' && text[i + 1] === '"') { row[row.length - 1] += '"'; i++; }
+        else if (c === '"') quoted = false;
+        else row[row.length - 1] += c;
+      } else if (c === '"') quoted = true;
+      else if (c === ",") row.push("");
+      else if (c === "\n") rows.push([""]);
+      else row[row.length - 1] += c;
+    }
+    rows.pop();
+    return rows;
+  };
+  const tables = new Map();
+  const table = (figure) => {
+    if (!tables.has(figure)) {
+      const link = figure && figure.querySelector("a.csv");
+      const uri = link ? link.getAttribute("href") : ",";
+      const rows = parseCsv(decodeURIComponent(uri.slice(uri.indexOf(",") + 1)));
+      tables.set(figure, { columns: rows[0] || [], rows: rows.slice(1) });
+    }
+    return tables.get(figure);
+  };
+
+  const loaded = new Map();
+  const pixels = (source, columns, rows) => {
+    if (!loaded.has(source)) {
+      loaded.set(source, null);
+      const image = new Image();
+      image.onload = () => {
+        const canvas = document.createElement("canvas");
+        canvas.width = columns;
+        canvas.height = rows;
+        const context = canvas.getContext("2d", { willReadFrequently: true });
+        context.drawImage(image, 0, 0);
+        loaded.set(source, context.getImageData(0, 0, columns, rows).data);
+      };
+      image.src = source;
+    }
+    return loaded.get(source);
+  };
+  const palettes = new Map();
+  const palette = (name) => {
+    if (!palettes.has(name)) {
+      const colours = document.getElementById(`${name}-h`).dataset.colours;
+      const map = new Map();
+      for (let k = 0; k < 255; k++) map.set(colours.slice(6 * k, 6 * k + 6), k / 254);
+      palettes.set(name, map);
+    }
+    return palettes.get(name);
+  };
+  const hex = (v) => v.toString(16).padStart(2, "0");
+
+  const cell = (image, column, row) => {
+    const columns = +image.getAttribute("width");
+    const rows = +image.getAttribute("height");
+    const d = image.dataset;
+    if (d.values) {
+      const scaled = [Math.floor((column + 0.5) / columns * d.columns), Math.floor((row + 0.5) / rows * d.rows)];
+      const at = 4 * (scaled[1] * d.columns + scaled[0]);
+      const p = pixels(d.values, +d.columns, +d.rows);
+      if (!p) return "…";
+      if (p[at + 2] === 0) return "not seen";
+      const t = ((p[at] << 4) | (p[at + 1] >> 4)) / 4095;
+      const value = +d.p0 + (d.p1 - d.p0) * t * t;
+      const sigma = d.s0 * Math.pow(d.s1 / d.s0, (p[at + 2] - 1) / 254);
+      return `${number(value)} ± ${number(sigma, 2)}`;
+    }
+    const at = 4 * (row * columns + column);
+    const p = pixels(image.getAttribute("href"), columns, rows);
+    if (!p) return "…";
+    if (p[at + 3] === 0) return "not seen";
+    const t = palette(d.map).get(hex(p[at]) + hex(p[at + 1]) + hex(p[at + 2]));
+    if (t === undefined) return "—";
+    const [low, high] = [+d.v0, +d.v1];
+    if (d.spacing === "log") return `≈ ${number(low * Math.pow(high / low, t))}`;
+    return `≈ ${number(low + (high - low) * (d.spacing === "root" ? t * t : t))}`;
+  };
+
+  const nearestView = (direction) => {
+    const { rows } = table(document.getElementById("setup"));
+    let best = null;
+    for (const [view, orbit] of rows) {
+      const off = Math.abs(((+orbit - direction + 540) % 360 + 360) % 360 - 180);
+      if (!best || off < best.off) best = { view, off };
+    }
+    return best ? best.view : null;
+  };
+
+  const readImage = (event, area, fx, fy) => {
+    const d = area.dataset;
+    const image = document.getElementById(d.image);
+    const columns = +image.getAttribute("width");
+    const rows = +image.getAttribute("height");
+    const column = Math.min(columns - 1, Math.floor(fx * columns));
+    const row = Math.min(rows - 1, Math.floor(fy * rows));
+    const x = +d.x0 + (d.x1 - d.x0) * (column + 0.5) / columns;
+    const y = +d.y1 - (d.y1 - d.y0) * (row + 0.5) / rows;
+    const value = cell(image, column, row);
+    if (d.image.startsWith("image-coefficients")) {
+      show(event, `p ${Math.round(x)}, q ${Math.round(y)}\n|Bpq| ${value}`);
+      return;
+    }
+    let text = `α ${angle(x)}°, θo′ ${angle(y)}°\n${value}`;
+    const view = value === "not seen" || value === "…" ? null : nearestView(x + y);
+    if (view !== null) text += `\nnearest view ${view}`;
+    show(event, text);
+  };
+
+  const readCurve = (event, area, fx) => {
+    const d = area.dataset;
+    const figure = area.closest("figure");
+    const { columns, rows } = table(figure);
+    const xColumn = columns.indexOf(d.curve);
+    if (xColumn < 0) return;
+    const x = d.log ? d.x0 * Math.pow(d.x1 / d.x0, fx) : +d.x0 + (d.x1 - d.x0) * fx;
+    const panel = area.closest(".panel").querySelector(".panel-name");
+    const channelColumn = columns.indexOf("channel");
+    const name = panel && panel.dataset.channel;
+    let best = null;
+    for (const row of rows) {
+      if (channelColumn >= 0 && name && row[channelColumn] !== name) continue;
+      const off = d.log ? Math.abs(Math.log(row[xColumn] / x)) : Math.abs(row[xColumn] - x);
+      if (!best || off < best.off) best = { off, row };
+    }
+    if (!best) return;
+    const lines = [];
+    columns.forEach((column, i) => {
+      if (i === channelColumn || column.startsWith("sigma_")) return;
+      const raw = best.row[i];
+      let text = raw !== "" && Number.isFinite(+raw) ? number(+raw) : raw || "—";
+      const sigma = column.startsWith("L_") ? columns.indexOf(`sigma_${column.slice(2)}`) : -1;
+      if (sigma >= 0) text += ` ± ${number(+best.row[sigma], 2)}`;
+      lines.push(`${column.replace("_deg", " / degrees")}  ${text}`);
+    });
+    show(event, lines.join("\n"));
+  };
+
+  document.addEventListener("pointermove", (event) => {
+    const area = event.target instanceof Element ? event.target.closest(".area") : null;
+    if (!area || !(area.dataset.image || area.dataset.curve)) { hide(); return; }
+    const r = area.getBoundingClientRect();
+    if (!(r.width > 0 && r.height > 0)) { hide(); return; }
+    const fx = Math.min(1, Math.max(0, (event.clientX - r.left) / r.width));
+    const fy = Math.min(1, Math.max(0, (event.clientY - r.top) / r.height));
+    if (area.dataset.image) readImage(event, area, fx, fy);
+    else readCurve(event, area, fx);
+  });
+  document.addEventListener("pointerleave", hide);
+  addEventListener("scroll", hide, { passive: true });
+
+  /* A channel chosen in one figure is chosen in all that have it. */
+  document.addEventListener("change", (event) => {
+    const input = event.target;
+    if (!(input instanceof HTMLInputElement) || input.type !== "radio") return;
+    const name = input.nextElementSibling.textContent;
+    for (const other of document.querySelectorAll(".switch input")) {
+      if (other.nextElementSibling.textContent === name) other.checked = true;
+    }
+  });
+})();
