@@ -1,7 +1,13 @@
 //! Arguments, progress bars, printing: the only place that prints.
 
+mod check;
+mod init;
+mod paper;
+mod prefilter;
 mod progress;
 mod run;
+mod say;
+mod simulate;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -31,6 +37,9 @@ struct Common {
     /// Warnings become failures
     #[arg(long, global = true)]
     strict: bool,
+    /// Form of what is printed
+    #[arg(long, global = true, value_enum, default_value_t, value_name = "FORM")]
+    log: say::Log,
 }
 
 #[derive(Debug, Subcommand)]
@@ -52,12 +61,44 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Write a first capture.toml for a folder of photos, from their headers; says what is left to fill in
+    #[command(after_help = "Example:\n  flatlight init my-photos/\n  flatlight check my-photos/")]
+    Init {
+        /// The folder that holds the photos
+        folder: PathBuf,
+    },
     /// Everything wrong with a capture set, at once, before any long work
     #[command(after_help = "Example:\n  flatlight check testdata/phong32-sun")]
     Check {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// A synthetic capture set with its truth, with a real camera's faults
+    #[command(
+        after_help = "Example:\n  flatlight simulate pipelines/simulate.toml --out set/\n  flatlight run set/recipe.toml --capture set/ --out out/"
+    )]
+    Simulate {
+        /// What to simulate: a recipe, as pipelines/simulate.toml
+        recipe: PathBuf,
+        /// Folder for the set; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+        /// Replace a capture set that the folder holds
+        #[arg(long)]
+        force: bool,
+    },
+    /// Every equation and figure of the theory, recomputed, on one page
+    #[command(
+        after_help = "Example:\n  flatlight paper --out paper/\n  then open paper/paper.html; paper/paper.csv holds the same numbers"
+    )]
+    Paper {
+        /// Folder for paper.html and paper.csv; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Environment map prefiltering: the light field of a planar environment as a table, an image, or an
+    /// object in front of a camera
+    Prefilter(prefilter::Arguments),
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -70,12 +111,18 @@ pub fn main() -> ExitCode {
             out,
             force,
         } => run::run(recipe, capture, out, *force, &arguments.common),
-        Command::Check { capture } => run::check(capture),
+        Command::Init { folder } => init::run(folder, &arguments.common),
+        Command::Check { capture } => check::run(capture, &arguments.common),
+        Command::Simulate { recipe, out, force } => {
+            simulate::run(recipe, out, *force, &arguments.common)
+        }
+        Command::Paper { out } => paper::paper(out, &arguments.common),
+        Command::Prefilter(wanted) => prefilter::prefilter(wanted, &arguments.common),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            say::error(arguments.common.log, &error);
             ExitCode::from(error.exit_code())
         }
     }

@@ -150,15 +150,24 @@ impl Task<'_> {
         let found = factorise::recover(samples, &options)?;
         clock.lap("factorisation");
         self.progress.step();
-        let estimate = joint::brdf(&found, samples, &material::options(&recipe.recovery)?)?;
+        // The slice under the light that is determined, from what that light did.
+        let (light, part) = (
+            joint::determined_light(&found),
+            joint::determined_part(&found, samples),
+        );
+        let estimate = brdf::recover(&part, &light, &material::options(&recipe.recovery)?)?;
         clock.lap("BRDF");
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");
-        let light = joint::light(&found);
         let slice = material::as_material(&estimate)?;
-        let on_grid = fit::predict(&light, &slice, &self.measured.field.samples())?;
-        let on_samples = fit::predict(&light, &slice, samples)?;
+        let on_grid = fit::predict(
+            &joint::light(&found),
+            &slice,
+            &self.measured.field.samples(),
+        )?;
+        let on_samples = fit::predict(&joint::light(&found), &slice, samples)?;
         let mut recovered = self.residuals(&on_grid, &on_samples);
+        recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         clock.lap("residual");
         self.progress.step();
         recovered.warnings = found.warnings.clone();

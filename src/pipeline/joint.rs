@@ -1,20 +1,23 @@
 //! The factorisation's result on its way to the products: light, slice and gauge.
 
-use std::f64::consts::{PI, SQRT_2};
+use std::f64::consts::{PI, SQRT_2, TAU};
 
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use num_complex::Complex64;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::fit::FitQuality;
-use crate::error::Result;
+use crate::angle::wrap;
 use crate::fourier::Series;
 use crate::light_field::Samples;
 use crate::lighting::Lighting;
-use crate::recover::brdf::{self, BrdfEstimate};
+use crate::recover::Status;
 use crate::recover::factorise::{Channel, Factorisation};
 use crate::recover::lighting::{
     ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, TABLE,
 };
-use crate::recover::{Status, factorise};
 
 /// What the light field left free in one channel, and how other ways to factorise it did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,27 +59,86 @@ pub fn light(found: &Factorisation) -> Lighting {
     )
 }
 
-/// The BRDF slice under the light that was found, with the light's own uncertainty in its σ.
-///
-/// # Errors
-/// As [`brdf::recover`].
-pub fn brdf(
-    found: &Factorisation,
-    samples: &Samples,
-    options: &brdf::Options,
-) -> Result<BrdfEstimate> {
-    let mut estimate = brdf::recover(samples, &light(found), options)?;
-    for (slice, channel) in estimate.slices.iter_mut().zip(&found.channels) {
-        let n = found.nodes.len();
-        if n != estimate.size {
-            continue;
+/// The samples without what the light's undetermined frequencies did to them, where the views close the circle about
+/// evenly: what is left is explained by the determined light alone, at the same information per frequency.
+pub fn determined_part(found: &Factorisation, samples: &Samples) -> Samples {
+    let mut part = samples.clone();
+    part.columns.par_iter_mut().for_each(|column| {
+        for (c, channel) in found.channels.iter().enumerate() {
+            let seen: Vec<usize> = (0..column.alpha.len())
+                .filter(|&i| column.variance[c][i].is_finite())
+                .collect();
+            let alpha: Vec<f64> = seen.iter().map(|&i| column.alpha[i]).collect();
+            let value: Vec<f64> = seen.iter().map(|&i| column.value[c][i]).collect();
+            let Some(series) = column_series(&alpha, &value, channel.band) else {
+                continue;
+            };
+            let mut open = series;
+            for (l, status) in open.coefficients.iter_mut().zip(&channel.status) {
+                if *status == Status::Determined {
+                    *l = Complex64::ZERO;
+                }
+            }
+            for &i in &seen {
+                column.value[c][i] -= open.evaluate(column.alpha[i]);
+            }
         }
-        for (k, sigma) in slice.sigma.iter_mut().enumerate() {
-            let cosines = found.nodes[k / n].visible_cosine() * found.nodes[k % n].visible_cosine();
-            *sigma = sigma.max(channel.brdf_sigma[k] * cosines);
+    });
+    part
+}
+
+/// The Fourier series up to `order` through samples on the circle by least squares; `None` if a gap between them is
+/// wider than one and a half times their mean distance, or they are too few.
+fn column_series(alpha: &[f64], value: &[f64], order: usize) -> Option<Series> {
+    let (n, m) = (alpha.len(), 2 * order + 1);
+    if n < m {
+        return None;
+    }
+    let mut sorted: Vec<f64> = alpha.iter().map(|a| wrap(*a)).collect();
+    sorted.sort_by(f64::total_cmp);
+    let first = *sorted.first()?;
+    sorted.push(first + TAU);
+    if sorted
+        .windows(2)
+        .any(|w| w[1] - w[0] > 1.5 * TAU / n as f64)
+    {
+        return None;
+    }
+    // f = f_0 + Σ 2 Re f_p cos pα − 2 Im f_p sin pα.
+    let design = Mat::from_fn(n, m, |i, k| {
+        let x = k.div_ceil(2) as f64 * alpha[i];
+        match k {
+            0 => 1.0,
+            _ if k % 2 == 1 => 2.0 * x.cos(),
+            _ => -2.0 * x.sin(),
+        }
+    });
+    let target = Mat::from_fn(n, 1, |i, _| value[i]);
+    let found = (design.transpose() * &design)
+        .llt(Side::Lower)
+        .ok()?
+        .solve(design.transpose() * target);
+    Some(Series {
+        coefficients: (0..=order)
+            .map(|p| match p {
+                0 => Complex64::new(found[(0, 0)], 0.0),
+                _ => Complex64::new(found[(2 * p - 1, 0)], found[(2 * p, 0)]),
+            })
+            .collect(),
+    })
+}
+
+/// The light's determined frequencies alone.
+pub fn determined_light(found: &Factorisation) -> Lighting {
+    let mut light = light(found);
+    for (series, channel) in light.smooth.iter_mut().zip(&found.channels) {
+        for (c, status) in series.coefficients.iter_mut().zip(&channel.status) {
+            if *status != Status::Determined {
+                *c = Complex64::ZERO;
+            }
         }
     }
-    Ok(estimate)
+    light
 }
 
 /// The light as a lighting recovery gives it: a table with σ and a spectrum with status.
@@ -142,11 +204,7 @@ fn sigma_at(channel: &Channel, theta: f64) -> f64 {
 fn spectrum(channel: &Channel) -> Vec<Coefficient> {
     (0..=channel.band)
         .map(|p| {
-            let status = match channel.status[p] {
-                factorise::Status::Determined => Status::Determined,
-                factorise::Status::Weak => Status::Weak,
-                factorise::Status::Indeterminate => Status::Indeterminate,
-            };
+            let status = channel.status[p];
             // L_0 is real, and known as well as the scale.
             let parts = if p == 0 { 1.0 } else { SQRT_2 };
             let sigma = channel.sigma[p] / parts;
@@ -172,7 +230,7 @@ pub fn gauge(found: &Factorisation) -> Vec<ChannelGauge> {
         .iter()
         .map(|channel| {
             let undetermined: Vec<usize> = (0..=channel.band)
-                .filter(|&p| channel.status[p] != factorise::Status::Determined)
+                .filter(|&p| channel.status[p] != Status::Determined)
                 .collect();
             let difference = |other: &Series| {
                 let (mut square, mut norm) = (0.0, f64::MIN_POSITIVE);

@@ -8,6 +8,7 @@ mod equation;
 mod figure;
 mod methods;
 mod number;
+pub mod paper;
 mod plot;
 mod results;
 mod settings;
@@ -71,12 +72,20 @@ pub fn page(run: &Run) -> Result<String> {
     lighting.extend(figure::lighting_curve(run));
     lighting.extend(figure::lighting_polar(run));
     lighting.extend(figure::lighting_spectrum(run));
+    lighting.extend(figure::ways_compared(run));
+    let mut brdf = Vec::new();
+    brdf.extend(figure::brdf_cuts(run));
+    brdf.extend(figure::brdf_image(run)?);
+    brdf.extend(figure::brdf_sigma(run)?);
+    brdf.extend(figure::brdf_status(run));
     let mut fit = Vec::new();
     fit.extend(figure::residual_image(run)?);
     fit.extend(figure::residual_histogram(run));
     fit.extend(figure::regularisation(run));
+    fit.extend(figure::eigenvalues(run));
     let sections = [
         ("lighting-section", "Lighting", lighting),
+        ("brdf-section", "BRDF", brdf),
         ("object-section", "Object and photographs", object),
         ("light-field-section", "Light field", light_field),
         ("fit-section", "Quality of the fit", fit),
