@@ -151,11 +151,9 @@ impl Task<'_> {
         clock.lap("factorisation");
         self.progress.step();
         // The slice under the light that is determined, from what that light did.
-        let (light, part) = (
-            joint::determined_light(&found),
-            joint::determined_part(&found, samples),
-        );
-        let estimate = brdf::recover(&part, &light, &material::options(&recipe.recovery)?)?;
+        let light = joint::determined_light(&found);
+        let (part, widened) = joint::determined_part(&found, samples);
+        let estimate = brdf::recover(&widened, &light, &material::options(&recipe.recovery)?)?;
         clock.lap("BRDF");
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");
