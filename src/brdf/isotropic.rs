@@ -78,6 +78,43 @@ impl Pair {
         }
     }
 
+    /// Unit vectors: the surface normal and the two directions; `None` if either is at or below the
+    /// horizon.
+    pub fn between(normal: [f64; 3], incident: [f64; 3], exitant: [f64; 3]) -> Option<Self> {
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        // |a × b|²: sines keep their digits where cosines are near 1.
+        let cross2 = |a: [f64; 3], b: [f64; 3]| {
+            let x = a[1] * b[2] - a[2] * b[1];
+            let y = a[2] * b[0] - a[0] * b[2];
+            let z = a[0] * b[1] - a[1] * b[0];
+            x * x + y * y + z * z
+        };
+        let (ci, co) = (dot(normal, incident), dot(normal, exitant));
+        if !(ci > 0.0 && co > 0.0) {
+            return None;
+        }
+        let half = [0, 1, 2].map(|k| incident[k] + exitant[k]);
+        let length2 = dot(half, half);
+        let length = length2.sqrt();
+        let sines = (cross2(normal, incident) * cross2(normal, exitant)).sqrt();
+        let tangential = dot(incident, exitant) - ci * co;
+        Some(Self {
+            cos_incident: ci,
+            cos_exitant: co,
+            sin_incident: cross2(normal, incident).sqrt(),
+            sin_exitant: cross2(normal, exitant).sqrt(),
+            cos_azimuth: if sines > 0.0 {
+                (tangential / sines).clamp(-1.0, 1.0)
+            } else {
+                1.0
+            },
+            cos_half: (ci + co) / length,
+            sin2_half: cross2(normal, half) / length2,
+            cos_difference: 0.5 * length,
+            cos_mirror: ci * co - tangential,
+        })
+    }
+
     /// tan² of the half vector's angle.
     pub fn tan2_half(&self) -> f64 {
         self.sin2_half / (self.cos_half * self.cos_half)
@@ -168,6 +205,46 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn vectors_say_the_same_as_angles() {
+        for (i, o, azimuth) in [
+            (0.3f64, 1.2f64, 2.0f64),
+            (1.5, 1.4, 3.1),
+            (0.01, 0.02, 0.4),
+            (0.0, 0.7, 1.0),
+        ] {
+            // The frame is turned, so that no component is special.
+            let turn = nalgebra::Rotation3::from_euler_angles(0.3, -1.1, 2.3);
+            let direction = |polar: f64, azimuth: f64| -> [f64; 3] {
+                let (s, c) = polar.sin_cos();
+                (turn * nalgebra::Vector3::new(s * azimuth.cos(), s * azimuth.sin(), c)).into()
+            };
+            let vectors = Pair::between(
+                direction(0.0, 0.0),
+                direction(i, 0.0),
+                direction(o, azimuth),
+            )
+            .expect("both above the horizon");
+            let angles = Pair::in_space(i, o, azimuth);
+            for (v, a) in [
+                (vectors.cos_incident, angles.cos_incident),
+                (vectors.sin_exitant, angles.sin_exitant),
+                (vectors.cos_half, angles.cos_half),
+                (vectors.sin2_half, angles.sin2_half),
+                (vectors.cos_difference, angles.cos_difference),
+                (vectors.cos_mirror, angles.cos_mirror),
+            ] {
+                // A few roundings of numbers of size 1.
+                assert!((v - a).abs() < 1e-14, "{i} {o} {azimuth}: {v} {a}");
+            }
+            // The quotient of small sines is known to 1e-16 over their product.
+            if i > 0.0 {
+                assert!((vectors.cos_azimuth - angles.cos_azimuth).abs() < 1e-11);
+            }
+        }
+        assert!(Pair::between([0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]).is_none());
     }
 
     #[test]

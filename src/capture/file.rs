@@ -126,6 +126,22 @@ fn whole(root: &Section<'_>, folder: &Path) -> Option<Capture> {
     })
 }
 
+/// `[object]` and `[camera]` of another file that describes them with the same keys and no photos;
+/// `None` only if a fault was reported.
+pub(crate) fn described(root: &Section<'_>, folder: &Path) -> Option<(Object, Camera)> {
+    let object_section = root.section("object");
+    let object = object(&object_section, folder);
+    object_section.check_unknown();
+    let camera_section = root.section("camera");
+    let camera = camera(
+        &camera_section,
+        &Headers::read(&[], folder),
+        object.as_ref(),
+    );
+    camera_section.check_unknown();
+    Some((object?, camera?))
+}
+
 fn object(section: &Section<'_>, folder: &Path) -> Option<Object> {
     let shape = match section.text("shape") {
         Some("cylinder") => Some(Shape::Cylinder),
@@ -294,7 +310,8 @@ fn projection(section: &Section<'_>, image_size: Option<[u32; 2]>) -> Option<Pro
     Some(Projection::Perspective { focal_px })
 }
 
-fn sensor(section: &Section<'_>, folder: &Path) -> Sensor {
+/// The keys of `[sensor]`; others are the caller's to read or to report.
+pub(crate) fn sensor(section: &Section<'_>, folder: &Path) -> Sensor {
     let encoding = section.text("encoding").and_then(|text| {
         encoding(text, folder)
             .map_err(|what| {

@@ -2,7 +2,7 @@
 
 mod check;
 mod draft;
-mod file;
+pub(crate) mod file;
 mod path;
 pub(crate) mod table;
 #[cfg(test)]

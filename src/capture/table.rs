@@ -225,6 +225,32 @@ impl<'a> Section<'a> {
         numbers
     }
 
+    /// A list of finite numbers, at least one; a single number counts as a list.
+    pub(crate) fn number_list(&self, key: &'static str) -> Option<Vec<f64>> {
+        let value = self.raw(key)?.get_ref();
+        let numbers: Option<Vec<f64>> = match value.as_array() {
+            Some(array) if array.is_empty() => None,
+            Some(array) => array.iter().map(|v| finite(v.get_ref())).collect(),
+            None => finite(value).map(|number| vec![number]),
+        };
+        if numbers.is_none() {
+            self.wrong_type(key, "a finite number or a list of them", value);
+        }
+        numbers
+    }
+
+    /// A list of texts.
+    pub(crate) fn texts(&self, key: &'static str) -> Option<Vec<&'a str>> {
+        let value = self.raw(key)?.get_ref();
+        let texts: Option<Vec<&str>> = value
+            .as_array()
+            .and_then(|array| array.iter().map(|v| v.get_ref().as_str()).collect());
+        if texts.is_none() {
+            self.wrong_type(key, "a list of texts", value);
+        }
+        texts
+    }
+
     /// A table within this one.
     pub(crate) fn section(&self, key: &'static str) -> Section<'a> {
         let value = self.raw(key);

@@ -2,9 +2,12 @@
 
 mod check;
 mod init;
+mod paper;
+mod prefilter;
 mod progress;
 mod run;
 mod say;
+mod simulate;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -70,6 +73,32 @@ enum Command {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// A synthetic capture set with its truth, with a real camera's faults
+    #[command(
+        after_help = "Example:\n  flatlight simulate pipelines/simulate.toml --out set/\n  flatlight run set/recipe.toml --capture set/ --out out/"
+    )]
+    Simulate {
+        /// What to simulate: a recipe, as pipelines/simulate.toml
+        recipe: PathBuf,
+        /// Folder for the set; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+        /// Replace a capture set that the folder holds
+        #[arg(long)]
+        force: bool,
+    },
+    /// Every equation and figure of the theory, recomputed, on one page
+    #[command(
+        after_help = "Example:\n  flatlight paper --out paper/\n  then open paper/paper.html; paper/paper.csv holds the same numbers"
+    )]
+    Paper {
+        /// Folder for paper.html and paper.csv; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Environment map prefiltering: the light field of a planar environment as a table, an image, or an
+    /// object in front of a camera
+    Prefilter(prefilter::Arguments),
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -84,6 +113,11 @@ pub fn main() -> ExitCode {
         } => run::run(recipe, capture, out, *force, &arguments.common),
         Command::Init { folder } => init::run(folder, &arguments.common),
         Command::Check { capture } => check::run(capture, &arguments.common),
+        Command::Simulate { recipe, out, force } => {
+            simulate::run(recipe, out, *force, &arguments.common)
+        }
+        Command::Paper { out } => paper::paper(out, &arguments.common),
+        Command::Prefilter(wanted) => prefilter::prefilter(wanted, &arguments.common),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,7 +2,7 @@
 //! Fourier series (fast) and by the angular integral (slow, the oracle).
 
 pub mod integral;
-mod panels;
+pub(crate) mod panels;
 pub mod prefilter;
 pub mod product;
 

@@ -21,7 +21,7 @@ pub(super) fn gauss() -> &'static [(f64, f64)] {
 
 /// Ends of panels over [−π/2, π/2] that resolve `brdf` at `local` and light up to frequency `order`: at
 /// the kinks and at `breaks`, growing with the distance from the lobe's centre and from the horizon.
-pub(super) fn panel_ends(
+pub(crate) fn panel_ends(
     brdf: &dyn Brdf,
     local: LocalAngle,
     order: usize,
@@ -68,7 +68,7 @@ pub(super) fn panel_ends(
 }
 
 /// Calls `visit(θi′, weight)` for every node of the panels between `ends`.
-pub(super) fn for_each_node(ends: &[f64], mut visit: impl FnMut(f64, f64)) {
+pub(crate) fn for_each_node(ends: &[f64], mut visit: impl FnMut(f64, f64)) {
     for pair in ends.windows(2) {
         let (middle, half) = ((pair[0] + pair[1]) / 2.0, (pair[1] - pair[0]) / 2.0);
         for (x, w) in gauss() {

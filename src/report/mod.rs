@@ -8,6 +8,7 @@ mod equation;
 mod figure;
 mod methods;
 mod number;
+pub mod paper;
 mod plot;
 mod results;
 mod settings;

@@ -51,6 +51,13 @@
 //! Pairs are exact if the noise of a column is the same for all its coefficients (a complete circle of views with even
 //! noise). Otherwise the mean variance of the column is used: the estimate stays unbiased, loses some efficiency, and its σ
 //! is that of the true noise carried through.
+//!
+//! Light that is not band-limited (a sun) leaves kinks in B(α) where it grazes; their frequencies n − p beyond those that
+//! the n views resolve fold onto p with about (p / (n − p))² of its amplitude. Where that rises above the noise of a
+//! column it is added to its variance; a fold below the noise of one column, but common to all, is not known of.
+//!
+//! Beyond the limb cut the guess that serves as a weak prior has the error that the same guess has inside the cut; where
+//! lobes change their character in the part that was never seen, σ is too small.
 
 mod absent;
 mod columns;
