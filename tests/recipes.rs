@@ -8,7 +8,7 @@ use flatlight::pipeline::Recipe;
 use sets::*;
 
 /// A recipe, the set it is run on, and the products that it is for.
-const RECIPES: [(&str, &str, &[&str]); 2] = [
+const RECIPES: [(&str, &str, &[&str]); 4] = [
     (
         "lighting.toml",
         "phong32-two-suns",
@@ -16,6 +16,31 @@ const RECIPES: [(&str, &str, &[&str]); 2] = [
             "lighting.csv",
             "lighting_spectrum.csv",
             "lighting.exr",
+            "residual.exr",
+        ],
+    ),
+    (
+        "brdf.toml",
+        "phong32-sun",
+        &[
+            "brdf.csv",
+            "brdf_spectrum.csv",
+            "brdf.exr",
+            "brdf_models.json",
+            "residual.exr",
+        ],
+    ),
+    (
+        "both.toml",
+        "ggx02-two-suns",
+        &[
+            "lighting.csv",
+            "lighting_spectrum.csv",
+            "lighting.exr",
+            "brdf.csv",
+            "brdf_spectrum.csv",
+            "brdf.exr",
+            "brdf_models.json",
             "residual.exr",
         ],
     ),

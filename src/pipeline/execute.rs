@@ -49,6 +49,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     let mut warnings = measured.warnings.clone();
     warnings.append(&mut recovered.warnings);
     warnings.extend(explain::fit_warnings(recipe.recover, &measured, &recovered));
+    let warnings = explain::grouped(warnings);
     refuse(&mut recovered);
     let findings = explain::findings(recipe, &measured, &recovered);
     Ok(Run {
@@ -168,7 +169,7 @@ impl Task<'_> {
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         clock.lap("residual");
         self.progress.step();
-        recovered.warnings = found.warnings.clone();
+        recovered.warnings = explain::factorisation_warnings(&found);
         recovered.warnings.extend(estimate.warnings.iter().cloned());
         recovered.warnings.extend(note);
         recovered.lighting = Some(joint::lighting(&found, &recovered.fit));
