@@ -49,6 +49,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     let mut warnings = measured.warnings.clone();
     warnings.append(&mut recovered.warnings);
     warnings.extend(explain::fit_warnings(recipe.recover, &measured, &recovered));
+    let warnings = explain::grouped(warnings);
     refuse(&mut recovered);
     let findings = explain::findings(recipe, &measured, &recovered);
     Ok(Run {
@@ -151,11 +152,9 @@ impl Task<'_> {
         clock.lap("factorisation");
         self.progress.step();
         // The slice under the light that is determined, from what that light did.
-        let (light, part) = (
-            joint::determined_light(&found),
-            joint::determined_part(&found, samples),
-        );
-        let estimate = brdf::recover(&part, &light, &material::options(&recipe.recovery)?)?;
+        let light = joint::determined_light(&found);
+        let (part, widened) = joint::determined_part(&found, samples);
+        let estimate = brdf::recover(&widened, &light, &material::options(&recipe.recovery)?)?;
         clock.lap("BRDF");
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");
@@ -170,7 +169,7 @@ impl Task<'_> {
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         clock.lap("residual");
         self.progress.step();
-        recovered.warnings = found.warnings.clone();
+        recovered.warnings = explain::factorisation_warnings(&found);
         recovered.warnings.extend(estimate.warnings.iter().cloned());
         recovered.warnings.extend(note);
         recovered.lighting = Some(joint::lighting(&found, &recovered.fit));

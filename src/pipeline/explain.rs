@@ -8,6 +8,7 @@ use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Verdict};
 use crate::recover::Status;
 use crate::recover::brdf::BrdfEstimate;
+use crate::recover::factorise::Factorisation;
 use crate::recover::lighting::LightingEstimate;
 
 /// What a fit that does not explain the photographs means for its result.
@@ -78,7 +79,7 @@ pub fn findings(recipe: &Recipe, measured: &Measured, recovered: &Recovered) -> 
         for channel in &models.channels {
             if let Some(best) = channel.fits.get(channel.best) {
                 findings.push(format!(
-                    "Channel {}: of the analytic models {} fits the slice best, to {:.2} % of its largest ρ cos θi′ cos θo′ (rms).",
+                    "Channel {}: of the analytic models {} fits the slice best, to {:.1} % of its largest ρ cos θi′ cos θo′ (rms).",
                     channel.channel,
                     best.model,
                     100.0 * best.relative_rms
@@ -86,7 +87,56 @@ pub fn findings(recipe: &Recipe, measured: &Measured, recovered: &Recovered) -> 
             }
         }
     }
-    findings
+    grouped(findings)
+}
+
+/// Sentences that say the same of several channels, "Channel R: …", become one, at the place of the first.
+pub fn grouped(sentences: Vec<String>) -> Vec<String> {
+    let mut groups: Vec<(Vec<String>, String)> = Vec::new();
+    for sentence in sentences {
+        let split = sentence
+            .strip_prefix("Channel ")
+            .and_then(|rest| rest.split_once(": "));
+        let Some((channel, rest)) = split else {
+            groups.push((Vec::new(), sentence));
+            continue;
+        };
+        match groups
+            .iter_mut()
+            .find(|(channels, said)| !channels.is_empty() && said == rest)
+        {
+            Some((channels, _)) => channels.push(channel.to_string()),
+            None => groups.push((vec![channel.to_string()], rest.to_string())),
+        }
+    }
+    groups
+        .into_iter()
+        .map(|(channels, rest)| match channels.as_slice() {
+            [] => rest,
+            [one] => format!("Channel {one}: {rest}"),
+            many => format!("Channels {}: {rest}", many.join(", ")),
+        })
+        .collect()
+}
+
+/// What makes a factorisation doubtful; what it leaves open by nature is a finding.
+pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
+    let mut said = Vec::new();
+    for channel in &found.channels {
+        let name = &channel.name;
+        if channel.misfit > 1.2 {
+            said.push(format!(
+                "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by that. Light from out of the plane, a texture, or too small a noise estimate would do this.",
+                channel.misfit.sqrt()
+            ));
+        }
+        if !channel.converged {
+            said.push(format!(
+                "Channel {name}: the refinement did not settle; the weakly determined frequencies may be worse than their error bars."
+            ));
+        }
+    }
+    said
 }
 
 fn about_lighting(lighting: &LightingEstimate, accepted: &dyn Fn(usize) -> bool) -> Vec<String> {
@@ -119,7 +169,7 @@ fn about_lighting(lighting: &LightingEstimate, accepted: &dyn Fn(usize) -> bool)
                 format!("; from p = {first} on the surface hides the light's detail")
             }
             Some(first) => format!(
-                "; {} of the frequencies from p = {first} on cannot be known through this surface",
+                "; of the frequencies from p = {first} on, {} cannot be known through this surface",
                 open.len()
             ),
             None => String::new(),
@@ -157,15 +207,17 @@ fn about_brdf(estimate: &BrdfEstimate, accepted: &dyn Fn(usize) -> bool) -> Vec<
                     "Channel {name}: this light determines no single value of the BRDF, only {known} averages over it (coefficients in brdf_spectrum.csv); light from a narrow direction would determine the values."
                 );
             }
-            let rest = if open > 0.05 {
-                format!(
-                    "{open:.1} % cannot be known from these views under this light and is left empty"
-                )
-            } else {
-                "nothing of it is left open".into()
+            let rest = match open {
+                0.0 => "nothing of it is left open".into(),
+                o if o < 1.0 => {
+                    "only corners in which both directions graze are left empty".into()
+                }
+                o => format!(
+                    "{o:.0} % cannot be known from these views under this light and is left empty"
+                ),
             };
             format!(
-                "Channel {name}: the photos determine {determined:.1} % of the BRDF slice (reciprocity included), {weak:.1} % only together with its smoothness; {rest}."
+                "Channel {name}: the photos alone determine {determined:.0} % of the BRDF slice (reciprocity included), and {weak:.0} % together with its smoothness; {rest}."
             )
         })
         .collect()
@@ -186,10 +238,25 @@ fn about_gauge(gauge: &ChannelGauge, recipe: &Recipe) -> Vec<String> {
             names.join(", ")
         ));
     }
-    said.push(format!(
-        "Channel {name}: the ratios of [RH01, eq. 29] differ from this result by {:.2} % over the determined frequencies, the eigenproblem over all coefficients by {:.2} %.",
-        100.0 * gauge.ratios_difference,
-        100.0 * gauge.eigenproblem_difference
-    ));
+    if gauge.components.len() > 1 {
+        said.push(format!(
+            "Channel {name}: reciprocity ties the frequencies of the light together in {} groups; each beyond the first has a free factor of its own.",
+            gauge.components.len()
+        ));
+    }
     said
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_that_share_a_sentence_share_it() {
+        let said = ["All.", "Channel R: a.", "Channel G: b.", "Channel B: a."];
+        assert_eq!(
+            grouped(said.map(String::from).to_vec()),
+            ["All.", "Channels R, B: a.", "Channel G: b."]
+        );
+    }
 }

@@ -61,9 +61,14 @@ pub fn light(found: &Factorisation) -> Lighting {
 
 /// The samples without what the light's undetermined frequencies did to them, where the views close the circle about
 /// evenly: what is left is explained by the determined light alone, at the same information per frequency.
-pub fn determined_part(found: &Factorisation, samples: &Samples) -> Samples {
+///
+/// Returned twice: with the samples' variances, and with what the light's own uncertainty adds to them,
+/// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that it reaches the slice's σ.
+pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Samples) {
     let mut part = samples.clone();
-    part.columns.par_iter_mut().for_each(|column| {
+    let mut widened = samples.clone();
+    let columns = part.columns.par_iter_mut().zip(&mut widened.columns);
+    columns.for_each(|(column, wide)| {
         for (c, channel) in found.channels.iter().enumerate() {
             let seen: Vec<usize> = (0..column.alpha.len())
                 .filter(|&i| column.variance[c][i].is_finite())
@@ -73,6 +78,14 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> Samples {
             let Some(series) = column_series(&alpha, &value, channel.band) else {
                 continue;
             };
+            let added: f64 = (1..=channel.band)
+                .filter(|&p| channel.status[p] == Status::Determined)
+                .map(|p| {
+                    let light = channel.lighting.get(p as i64).norm();
+                    let share = channel.sigma[p] / light.max(f64::MIN_POSITIVE);
+                    2.0 * (series.get(p as i64).norm() * share.min(1.0)).powi(2)
+                })
+                .sum();
             let mut open = series;
             for (l, status) in open.coefficients.iter_mut().zip(&channel.status) {
                 if *status == Status::Determined {
@@ -81,10 +94,12 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> Samples {
             }
             for &i in &seen {
                 column.value[c][i] -= open.evaluate(column.alpha[i]);
+                wide.value[c][i] = column.value[c][i];
+                wide.variance[c][i] += added;
             }
         }
     });
-    part
+    (part, widened)
 }
 
 /// The Fourier series up to `order` through samples on the circle by least squares; `None` if a gap between them is

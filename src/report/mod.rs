@@ -73,6 +73,7 @@ pub fn page(run: &Run) -> Result<String> {
     lighting.extend(figure::lighting_polar(run));
     lighting.extend(figure::lighting_spectrum(run));
     lighting.extend(figure::ways_compared(run));
+    lighting.extend(figure::eigenvalues(run));
     let mut brdf = Vec::new();
     brdf.extend(figure::brdf_cuts(run));
     brdf.extend(figure::brdf_image(run)?);
@@ -82,7 +83,6 @@ pub fn page(run: &Run) -> Result<String> {
     fit.extend(figure::residual_image(run)?);
     fit.extend(figure::residual_histogram(run));
     fit.extend(figure::regularisation(run));
-    fit.extend(figure::eigenvalues(run));
     let sections = [
         ("lighting-section", "Lighting", lighting),
         ("brdf-section", "BRDF", brdf),

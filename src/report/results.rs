@@ -210,10 +210,10 @@ fn models(run: &Run) -> Option<ResultTable> {
             rows.push(vec![
                 channel.channel.clone(),
                 fit.model.clone(),
-                parameters.join(", "),
                 percent(fit.relative_rms),
                 short(fit.aic - aic, 3),
                 short(fit.bic - bic, 3),
+                parameters.join(", "),
             ]);
         }
     }
@@ -222,10 +222,10 @@ fn models(run: &Run) -> Option<ResultTable> {
         columns: [
             "channel",
             "model",
-            "parameters",
-            "rms / maximum of ρ cos cos",
+            "rms of ρ cos cos / maximum",
             "ΔAIC",
             "ΔBIC",
+            "parameters",
         ]
         .map(str::to_owned)
         .to_vec(),

@@ -189,7 +189,7 @@ pub fn brdf_sigma(run: &Run) -> Result<Option<Figure>> {
         id: "brdf-sigma",
         title: "Standard deviation of the slice",
         caption: format!(
-            "σ of ρ cos θ_[i]′ cos θ_[o]′: the noise of the samples and what smoothing may have taken away. It is lowest along the lines of the slice that a view saw under a narrow light.{}",
+            "σ of ρ cos θ_[i]′ cos θ_[o]′: the noise of the samples and what smoothing may have taken away. It is larger in a lobe than beside it, and largest beyond the limb cut, where only reciprocity and smoothness tell.{}",
             channel_note(brdf.slices.len())
         ),
         panels,
@@ -249,7 +249,7 @@ fn class(status: Status) -> &'static str {
     match status {
         Status::Determined => "s-determined",
         Status::Weak => "s-weak",
-        Status::Indeterminate => "s-indeterminate",
+        Status::Indeterminate => "missing",
     }
 }
 
@@ -288,12 +288,12 @@ fn draw_status(brdf: &BrdfEstimate, slice: &Slice, name: &str, shares: &[(Status
                 .unwrap_or(side);
             let _ = write!(
                 markup,
-                "<rect class=\"area-of {}\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/>",
+                "<rect class=\"band crisp {}\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/>",
                 class(status),
                 coordinate(start as f64 * dx),
                 coordinate((side - 1 - row) as f64 * dy),
-                coordinate((end - start) as f64 * dx + 0.2),
-                coordinate(dy + 0.2)
+                coordinate((end - start) as f64 * dx),
+                coordinate(dy)
             );
             start = end;
         }
