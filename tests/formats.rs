@@ -153,7 +153,10 @@ fn the_environment_map_holds_the_energy_in_the_horizon() {
     let map = image(&out().join("lighting.exr"));
     let [width, height] = map.size;
     // An odd number of rows has one on the horizon.
-    assert!(width.abs_diff(2 * height) <= 2 && height % 2 == 1, "lat-long: {width} x {height}");
+    assert!(
+        width.abs_diff(2 * height) <= 2 && height % 2 == 1,
+        "lat-long: {width} x {height}"
+    );
     for (c, channel) in ["R", "G", "B"].iter().enumerate() {
         let plane = &map.planes[*channel];
         let lit: Vec<usize> = (0..height)
