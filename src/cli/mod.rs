@@ -2,6 +2,7 @@
 
 mod progress;
 mod run;
+mod validate;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -58,6 +59,20 @@ enum Command {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// Many seeded synthetic recoveries: error, bias, interval coverage, ratio to the Cramér–Rao bound
+    #[command(
+        after_help = "Example:\n  flatlight validate pipelines/validate.toml --out out/\n  then open out/report.html\n\nFinished cells stay in out/cells and are not computed again: interrupt and go on at will."
+    )]
+    Validate {
+        /// The studies: a recipe like pipelines/validate.toml
+        recipe: PathBuf,
+        /// Folder for validation.csv, the report and the finished cells
+        #[arg(long)]
+        out: PathBuf,
+        /// All of the recipe, not only its default size
+        #[arg(long)]
+        full: bool,
+    },
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -71,6 +86,9 @@ pub fn main() -> ExitCode {
             force,
         } => run::run(recipe, capture, out, *force, &arguments.common),
         Command::Check { capture } => run::check(capture),
+        Command::Validate { recipe, out, full } => {
+            validate::validate(recipe, out, *full, &arguments.common)
+        }
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -14,6 +14,7 @@ mod settings;
 mod table;
 #[cfg(test)]
 mod tests;
+mod validation;
 
 use askama::Template;
 
@@ -22,6 +23,7 @@ use crate::pipeline::Run;
 use figure::Figure;
 use methods::Passage;
 use results::ResultTable;
+pub use validation::validation;
 
 /// The page as the template takes it.
 #[derive(Template)]
