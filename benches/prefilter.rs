@@ -23,7 +23,7 @@ const VALUES: usize = 1024;
 fn environment() -> Lighting {
     let value = |i: usize| {
         let theta = TAU * i as f64 / VALUES as f64;
-        let windows = if (128..256).contains(&i) && i / 9 % 3 == 0 {
+        let windows = if (128..256).contains(&i) && (i / 9).is_multiple_of(3) {
             2.5
         } else {
             1.0
