@@ -1,8 +1,14 @@
 //! Arguments, progress bars, printing: the only place that prints.
 
+mod check;
+mod init;
+mod paper;
+mod prefilter;
 mod progress;
 mod run;
+mod say;
 mod simulate;
+mod validate;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -32,6 +38,9 @@ struct Common {
     /// Warnings become failures
     #[arg(long, global = true)]
     strict: bool,
+    /// Form of what is printed
+    #[arg(long, global = true, value_enum, default_value_t, value_name = "FORM")]
+    log: say::Log,
 }
 
 #[derive(Debug, Subcommand)]
@@ -53,6 +62,12 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Write a first capture.toml for a folder of photos, from their headers; says what is left to fill in
+    #[command(after_help = "Example:\n  flatlight init my-photos/\n  flatlight check my-photos/")]
+    Init {
+        /// The folder that holds the photos
+        folder: PathBuf,
+    },
     /// Everything wrong with a capture set, at once, before any long work
     #[command(after_help = "Example:\n  flatlight check testdata/phong32-sun")]
     Check {
@@ -73,6 +88,32 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Every equation and figure of the theory, recomputed, on one page
+    #[command(
+        after_help = "Example:\n  flatlight paper --out paper/\n  then open paper/paper.html; paper/paper.csv holds the same numbers"
+    )]
+    Paper {
+        /// Folder for paper.html and paper.csv; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Environment map prefiltering: the light field of a planar environment as a table, an image, or an
+    /// object in front of a camera
+    Prefilter(prefilter::Arguments),
+    /// Many seeded synthetic recoveries: error, bias, interval coverage, ratio to the Cramér–Rao bound
+    #[command(
+        after_help = "Example:\n  flatlight validate pipelines/validate.toml --out out/\n  then open out/report.html\n\nFinished cells stay in out/cells and are not computed again: interrupt and go on at will."
+    )]
+    Validate {
+        /// The studies: a recipe like pipelines/validate.toml
+        recipe: PathBuf,
+        /// Folder for validation.csv, the report and the finished cells
+        #[arg(long)]
+        out: PathBuf,
+        /// All of the recipe, not only its default size
+        #[arg(long)]
+        full: bool,
+    },
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -85,15 +126,21 @@ pub fn main() -> ExitCode {
             out,
             force,
         } => run::run(recipe, capture, out, *force, &arguments.common),
+        Command::Init { folder } => init::run(folder, &arguments.common),
+        Command::Check { capture } => check::run(capture, &arguments.common),
         Command::Simulate { recipe, out, force } => {
             simulate::run(recipe, out, *force, &arguments.common)
         }
-        Command::Check { capture } => run::check(capture),
+        Command::Paper { out } => paper::paper(out, &arguments.common),
+        Command::Prefilter(wanted) => prefilter::prefilter(wanted, &arguments.common),
+        Command::Validate { recipe, out, full } => {
+            validate::validate(recipe, out, *full, &arguments.common)
+        }
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            say::error(arguments.common.log, &error);
             ExitCode::from(error.exit_code())
         }
     }

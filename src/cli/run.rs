@@ -1,13 +1,14 @@
-//! `flatlight run` and `flatlight check`.
+//! `flatlight run`: photos in, products and report out.
 
 use std::path::Path;
 
 use flatlight::capture::Capture;
-use flatlight::pipeline::{Folder, Found, Recipe, Run, execute, input_hashes};
+use flatlight::pipeline::{Folder, Found, Recipe, Run, Verdict, execute, input_hashes};
+use flatlight::recover::Status;
 use flatlight::{Error, Result, report};
 
-use super::Common;
 use super::progress::Bars;
+use super::{Common, say};
 
 /// Photos in, products and report out.
 pub fn run(
@@ -22,8 +23,13 @@ pub fn run(
     let hashes = input_hashes(&recipe, recipe_file, &capture)?;
     let folder = Folder::new(out);
     if folder.look(&hashes, &recipe.to_toml(), &capture.to_toml(), force)? == Found::Same {
-        println!("nothing to do, the folder holds this run already");
-        println!("open {}", out.join("report.html").display());
+        say::result(
+            common,
+            &format!(
+                "nothing to do, the folder holds this run already\nopen {}",
+                out.join("report.html").display()
+            ),
+        );
         return Ok(());
     }
     let bars = Bars::new(common.quiet);
@@ -39,12 +45,10 @@ pub fn run(
     }
     let page = report::page(&run)?;
     folder.write(&run, &page)?;
-    if !common.quiet {
-        for warning in &run.warnings {
-            eprintln!("warning: {warning}");
-        }
+    for warning in &run.warnings {
+        say::warning(common, warning);
     }
-    println!("{}", answer(&run, out));
+    say::result(common, &answer(&run, out));
     Ok(())
 }
 
@@ -73,26 +77,54 @@ fn answer(run: &Run, out: &Path) -> String {
         }
         for channel in &lighting.channels {
             lines.push(format!(
-                "  {}: determined up to p = {}, residual {:.3} % of the largest radiance",
+                "  {}: light determined up to p = {}",
                 channel.name,
                 channel
                     .determined_band
-                    .map_or_else(|| "–".into(), |b| b.to_string()),
-                100.0 * channel.residual_relative
+                    .map_or_else(|| "–".into(), |b| b.to_string())
             ));
         }
     }
+    if let Some(brdf) = &run.brdf {
+        for (name, slice) in brdf.channels.iter().zip(&brdf.slices) {
+            let determined = slice
+                .status
+                .iter()
+                .filter(|s| **s == Status::Determined)
+                .count();
+            lines.push(format!(
+                "  {name}: {:.1} % of the BRDF slice determined",
+                100.0 * determined as f64 / slice.status.len().max(1) as f64
+            ));
+        }
+    }
+    for models in run.models.iter().flat_map(|m| &m.channels) {
+        if let Some(best) = models.fits.get(models.best) {
+            let parameters: Vec<String> = best
+                .parameters
+                .iter()
+                .map(|p| format!("{} {:.4}", p.name, p.value))
+                .collect();
+            lines.push(format!(
+                "  {}: fitted best by {}, {}",
+                models.channel,
+                best.model,
+                parameters.join(", ")
+            ));
+        }
+    }
+    for (name, fit) in run.channels.iter().zip(&run.fit) {
+        let verdict = match fit.verdict {
+            Verdict::Explained => "",
+            Verdict::Doubtful => ": doubtful",
+            Verdict::Refused => ": refused, this is no measurement",
+        };
+        lines.push(format!(
+            "  {name}: residual {:.3} % of the largest radiance, {:.2} % of the light field unexplained beyond noise{verdict}",
+            100.0 * fit.residual_relative,
+            100.0 * fit.unexplained
+        ));
+    }
     lines.push(format!("open {}", out.join("report.html").display()));
     lines.join("\n")
-}
-
-/// Everything wrong with a capture set.
-pub fn check(path: &Path) -> Result<()> {
-    let capture = Capture::read(path)?;
-    println!(
-        "{}: {} views, nothing wrong found in the description",
-        capture.name,
-        capture.views.len()
-    );
-    Ok(())
 }

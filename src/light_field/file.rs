@@ -4,10 +4,11 @@ use std::io::Cursor;
 
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, ImageAttributes,
-    IntegerBounds, Layer, LayerAttributes, SmallVec, Text, Vec2, WritableImage,
+    IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2, WritableImage,
 };
 
 use super::LightField;
+use super::header::sort_attributes;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 
@@ -106,7 +107,12 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
         layers.push(Layer::new(
             Vec2(width, height),
             attributes,
-            Encoding::SMALL_FAST_LOSSLESS,
+            // Blocks are compressed in parallel: their order must be stated for the bytes to be the same
+            // every time.
+            Encoding {
+                line_order: LineOrder::Increasing,
+                ..Encoding::SMALL_FAST_LOSSLESS
+            },
             channels,
         ));
     }
@@ -119,7 +125,9 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
         .write()
         .to_buffered(&mut bytes)
         .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))?;
-    Ok(bytes.into_inner())
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    Ok(bytes)
 }
 
 fn text(value: &str) -> Result<Text> {
@@ -152,11 +160,12 @@ mod tests {
         let image = read_first_flat_layer_from_file(&path).expect("reads");
         let layer = image.layer_data;
         assert_eq!(layer.channel_data.list.len(), 6);
+        let name = Text::from("mean.560nm");
         let mean = layer
             .channel_data
             .list
             .iter()
-            .find(|c| c.name == Text::from("mean.560nm"))
+            .find(|c| c.name == name)
             .expect("the channel is there");
         let values: Vec<f32> = mean.sample_data.values_as_f32().collect();
         assert_eq!(values, field.mean[1]);

@@ -4,6 +4,7 @@ mod columns;
 mod field;
 mod file;
 mod gridding;
+mod header;
 mod line;
 mod samples;
 mod strip;

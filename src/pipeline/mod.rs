@@ -1,16 +1,26 @@
 //! Recipes, the order of the stages, products and provenance.
 
+mod brdf_products;
 mod execute;
+mod explain;
+mod fit;
+mod joint;
+mod material;
 mod measure;
 mod preview;
 mod products;
 mod progress;
 mod recipe;
 mod run;
+mod scale;
+mod spectrum;
 
 pub use execute::{execute, input_hashes};
+pub use fit::FitQuality;
+pub use joint::ChannelGauge;
 pub use measure::{Measured, measure};
 pub use products::{Folder, Found, Product, products};
 pub use progress::{Progress, Silent};
 pub use recipe::{LightFieldOptions, Recipe, Recover, RecoveryOptions};
-pub use run::{Preview, Run, Spectrum, ViewRecord};
+pub use run::{Preview, Recovered, Run, Spectrum, Verdict, ViewRecord};
+pub use scale::ScaleDescription;

@@ -8,13 +8,18 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use super::joint::ChannelGauge;
 use super::run::Run;
+use super::{brdf_products, material};
 use crate::angle::WorldAngle;
+use crate::brdf::fit::BrdfModels;
 use crate::error::{Error, Result};
 use crate::light_field::encode;
 use crate::lighting::{
     Lighting, Source, SpectrumRow, environment::write_lat_long, write_spectrum, write_values,
 };
+use crate::recover::Status;
+use crate::recover::brdf::{BrdfEstimate, Slice};
 use crate::recover::lighting::LightingEstimate;
 
 /// Name of the file that tells which inputs and settings a folder was made from.
@@ -22,11 +27,14 @@ const PROVENANCE: &str = "provenance.json";
 /// Version of the folder's layout.
 const FORMAT: u32 = 1;
 
+/// Writes a file to a path.
+type Write<'a> = dyn Fn(&Path) -> Result<()> + Send + Sync + 'a;
+
 /// A file of a run: its name and what writes it to a path.
 pub struct Product<'a> {
     /// Name in the output folder.
     pub name: &'static str,
-    write: Box<dyn Fn(&Path) -> Result<()> + Send + Sync + 'a>,
+    write: Box<Write<'a>>,
 }
 
 impl<'a> Product<'a> {
@@ -62,6 +70,14 @@ pub fn products<'a>(run: &'a Run, report: &'a str) -> Vec<Product<'a>> {
     if let Some(lighting) = &run.lighting {
         products.extend(lighting_products(run, lighting));
     }
+    if let Some(brdf) = &run.brdf {
+        products.extend(brdf_products(brdf));
+    }
+    if let Some(models) = &run.models {
+        products.push(Product::bytes("brdf_models.json", move || {
+            models_json(models)
+        }));
+    }
     if let Some(residual) = &run.residual {
         products.push(Product::bytes("residual.exr", move || {
             let mut parts = vec![residual.part("light field")];
@@ -70,6 +86,24 @@ pub fn products<'a>(run: &'a Run, report: &'a str) -> Vec<Product<'a>> {
         }));
     }
     products
+}
+
+fn brdf_products(brdf: &BrdfEstimate) -> Vec<Product<'_>> {
+    vec![
+        Product::bytes("brdf.csv", move || {
+            Ok(material::table(brdf, 1).to_csv().into_bytes())
+        }),
+        Product::bytes("brdf_spectrum.csv", move || {
+            Ok(brdf_products::spectrum_csv(brdf).into_bytes())
+        }),
+        Product::bytes("brdf.exr", move || encode(vec![brdf_products::image(brdf)])),
+    ]
+}
+
+fn models_json(models: &BrdfModels) -> Result<Vec<u8>> {
+    let value = serde_json::to_value(models)
+        .map_err(|e| Error::failed(format!("the models cannot be written as JSON: {e}")))?;
+    Ok(pretty(&value))
 }
 
 fn lighting_products<'a>(run: &'a Run, lighting: &'a LightingEstimate) -> Vec<Product<'a>> {
@@ -140,21 +174,32 @@ fn summary(run: &Run) -> serde_json::Value {
             "name": name,
             "coverage": run.light_field.coverage(c, run.limb_cut),
         });
-        if let (Some(lighting), Some(object)) = (&run.lighting, channel.as_object_mut()) {
-            let l = &lighting.channels[c];
-            object.insert("residual_rms".into(), json!(l.residual_rms));
-            object.insert("residual_relative".into(), json!(l.residual_relative));
-            object.insert("chi2".into(), json!(l.chi2));
-            object.insert("determined_band".into(), json!(l.determined_band));
-            object.insert("regularisation".into(), json!(l.regularisation));
-            let total = std::f64::consts::TAU * l.spectrum.first().map_or(0.0, |p| p.value.re);
-            object.insert("total_irradiance".into(), json!(total));
-            let bound: Vec<Option<f64>> = l
-                .spectrum
-                .iter()
-                .map(|p| p.bound.is_finite().then_some(p.bound))
-                .collect();
-            object.insert("bound".into(), json!(bound));
+        if let Some(object) = channel.as_object_mut() {
+            if let Some(fit) = run.fit.get(c) {
+                object.insert("residual_rms".into(), json!(fit.residual_rms));
+                object.insert("residual_relative".into(), json!(fit.residual_relative));
+                object.insert("chi2".into(), json!(fit.chi2));
+                object.insert("unexplained".into(), json!(fit.unexplained));
+                object.insert("verdict".into(), json!(fit.verdict));
+            }
+            if let Some(l) = run.lighting.as_ref().and_then(|l| l.channels.get(c)) {
+                object.insert("determined_band".into(), json!(l.determined_band));
+                object.insert("regularisation".into(), json!(l.regularisation));
+                let total = std::f64::consts::TAU * l.spectrum.first().map_or(0.0, |p| p.value.re);
+                object.insert("total_irradiance".into(), json!(total));
+                let bound: Vec<Option<f64>> = l
+                    .spectrum
+                    .iter()
+                    .map(|p| p.bound.is_finite().then_some(p.bound))
+                    .collect();
+                object.insert("bound".into(), json!(bound));
+            }
+            if let Some(brdf) = run.brdf.as_ref().and_then(|b| b.slices.get(c)) {
+                object.insert("brdf".into(), brdf_summary(brdf));
+            }
+            if let Some(gauge) = run.gauge.get(c) {
+                object.insert("gauge".into(), gauge_summary(gauge));
+            }
         }
         channels.push(channel);
     }
@@ -173,6 +218,42 @@ fn summary(run: &Run) -> serde_json::Value {
         "findings": run.findings,
         "warnings": run.warnings,
         "stage_seconds": run.stage_seconds.iter().cloned().collect::<BTreeMap<_, _>>(),
+    })
+}
+
+/// Scalars of a recovered slice.
+fn brdf_summary(slice: &Slice) -> serde_json::Value {
+    let share = |status| material::share(&slice.status, status);
+    json!({
+        "determined_share": share(Status::Determined),
+        "weak_share": share(Status::Weak),
+        "indeterminate_share": share(Status::Indeterminate),
+        "samples": slice.samples,
+        "parameters": slice.parameters,
+        "noise_factor": slice.noise.sqrt(),
+        "resolution_deg": slice.resolution.to_degrees(),
+        "held_at_zero": slice.held,
+        "smoothness": {
+            "amplitude": slice.smoothness.amplitude,
+            "across": slice.smoothness.across,
+            "along": slice.smoothness.along,
+        },
+    })
+}
+
+/// What a recovery of both left free, and the comparison with the paper's ratios.
+fn gauge_summary(gauge: &ChannelGauge) -> serde_json::Value {
+    json!({
+        "scale": gauge.scale,
+        "band": gauge.band,
+        "resolved": gauge.resolved,
+        "components": gauge.components,
+        "undetermined": gauge.undetermined,
+        "eigenvalues": gauge.eigenvalues,
+        "misfit": gauge.misfit,
+        "converged": gauge.converged,
+        "difference_of_eigenproblem": gauge.eigenproblem_difference,
+        "difference_of_eq_29": gauge.ratios_difference,
     })
 }
 
@@ -337,7 +418,7 @@ impl Folder {
 const STAGING: &str = ".flatlight-partial";
 
 /// Every name a product can have.
-const ALL_PRODUCTS: [&str; 9] = [
+const ALL_PRODUCTS: [&str; 13] = [
     "report.html",
     "summary.json",
     "recipe.toml",
@@ -346,6 +427,10 @@ const ALL_PRODUCTS: [&str; 9] = [
     "lighting.csv",
     "lighting_spectrum.csv",
     "lighting.exr",
+    "brdf.csv",
+    "brdf_spectrum.csv",
+    "brdf.exr",
+    "brdf_models.json",
     "residual.exr",
 ];
 

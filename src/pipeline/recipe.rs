@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::scale::ScaleDescription;
 use crate::brdf::Model;
 use crate::capture::table::{Section, Source};
 use crate::error::{Error, Result, nearest};
@@ -21,6 +22,8 @@ pub struct Recipe {
     pub brdf: Option<Model>,
     /// `[lighting]`: what is known of the light.
     pub lighting: Option<LightingDescription>,
+    /// `[scale]`: what anchors the scale when both are recovered.
+    pub scale: ScaleDescription,
     /// `[recovery]`.
     pub recovery: RecoveryOptions,
     /// Title of the report.
@@ -136,6 +139,13 @@ impl Recipe {
         };
         let light_field = light_field(&root.section("light_field"));
         let recovery = recovery(&root.section("recovery"));
+        if root.section("scale").exists() && recover != Recover::Both {
+            root.fault(
+                "scale",
+                "a scale is only free when light and material are both unknown",
+                Some("Remove [scale], or write recover = \"both\"."),
+            );
+        }
         let report = root.section("report");
         let title = report.text("title").map(String::from);
         report.check_unknown();
@@ -177,6 +187,13 @@ impl Recipe {
                 None
             }
         };
+        let scale = match sub("scale").map(ScaleDescription::from_toml).transpose() {
+            Ok(scale) => scale.unwrap_or_default(),
+            Err(e) => {
+                faults.push(e.file(path));
+                ScaleDescription::default()
+            }
+        };
         match Error::all(faults) {
             Some(error) => Err(error),
             None => Ok(Self {
@@ -185,6 +202,7 @@ impl Recipe {
                 light_field,
                 brdf,
                 lighting,
+                scale,
                 recovery,
                 title,
             }),
@@ -231,6 +249,9 @@ impl Recipe {
             && let Ok(value) = Value::try_from(lighting)
         {
             root.insert("lighting".into(), value);
+        }
+        if let Some(scale) = self.scale.to_table() {
+            root.insert("scale".into(), scale.into());
         }
         let mut recovery = toml::Table::new();
         recovery.insert(

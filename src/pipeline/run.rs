@@ -4,8 +4,45 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::fit::FitQuality;
+use super::joint::ChannelGauge;
+use crate::brdf::fit::BrdfModels;
 use crate::light_field::{LightField, Part};
+use crate::recover::brdf::BrdfEstimate;
 use crate::recover::lighting::LightingEstimate;
+
+/// Whether a recovery explains what was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Up to what good photographs leave.
+    Explained,
+    /// There are errors that σ does not hold.
+    Doubtful,
+    /// The result is no measurement.
+    Refused,
+}
+
+/// What a recovery gives, before it becomes part of a [`Run`].
+#[derive(Clone, Debug, Default)]
+pub struct Recovered {
+    /// As in [`Run`].
+    pub residual: Option<LightField>,
+    /// As in [`Run`].
+    pub view_residual: Option<Part>,
+    /// As in [`Run`].
+    pub fit: Vec<FitQuality>,
+    /// As in [`Run`].
+    pub lighting: Option<LightingEstimate>,
+    /// As in [`Run`].
+    pub brdf: Option<BrdfEstimate>,
+    /// As in [`Run`].
+    pub models: Option<BrdfModels>,
+    /// As in [`Run`].
+    pub gauge: Vec<ChannelGauge>,
+    /// As in [`Run`].
+    pub warnings: Vec<String>,
+}
 
 /// The results of one run.
 #[derive(Clone, Debug)]
@@ -38,8 +75,16 @@ pub struct Run {
     pub residual: Option<LightField>,
     /// Measured minus predicted for each photo's strip, a row per view.
     pub view_residual: Option<Part>,
+    /// How well the recovery explains the samples, per channel; empty without one.
+    pub fit: Vec<FitQuality>,
     /// The recovered lighting.
     pub lighting: Option<LightingEstimate>,
+    /// The recovered BRDF slice.
+    pub brdf: Option<BrdfEstimate>,
+    /// Analytic models fitted to the slice.
+    pub models: Option<BrdfModels>,
+    /// What a recovery of both left free, per channel; empty for the others.
+    pub gauge: Vec<ChannelGauge>,
     /// Plain sentences: what to distrust and what to do about it.
     pub warnings: Vec<String>,
     /// Plain sentences: what can and what cannot be known from this capture.

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::panels::{for_each_node, panel_ends};
 use super::{check, from_sources};
-use crate::angle::{LocalAngle, NormalAngle};
+use crate::angle::{LocalAngle, NormalAngle, WorldAngle};
 use crate::brdf::{Brdf, Material};
 use crate::error::Result;
 use crate::grid::Grid;
@@ -40,6 +40,30 @@ pub fn value(
     let mirror = brdf.mirror(local);
     if mirror != 0.0 {
         sum += mirror * lighting.density(channel, normal + -local);
+    }
+    sum
+}
+
+/// The angular integral as plainly as it can be said: one term for each of `terms` regular directions (those
+/// of the light's own table if it has as many values). As good as the lobe is wide against their spacing.
+pub fn sum(
+    lighting: &Lighting,
+    channel: usize,
+    brdf: &dyn Brdf,
+    normal: NormalAngle,
+    local: LocalAngle,
+    terms: usize,
+) -> f64 {
+    let step = TAU / terms as f64;
+    let mut sum = from_sources(lighting, channel, brdf, normal, local);
+    for k in 0..terms {
+        let theta = WorldAngle::radians(-PI + k as f64 * step);
+        let incident = theta - normal;
+        let cosine = incident.visible_cosine();
+        if cosine > 0.0 {
+            let l = lighting.density(channel, theta);
+            sum += step * l * brdf.value(incident, local) * cosine;
+        }
     }
     sum
 }

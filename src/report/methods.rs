@@ -101,6 +101,17 @@ pub fn methods(run: &Run) -> Result<Vec<Passage>> {
              and no number is made up for it.",
         ));
     }
+    if run.recover == "brdf" {
+        out.extend(brdf_methods(
+            "The light was given. With it the BRDF is fitted to all samples that exist:",
+        )?);
+    }
+    if run.recover == "both" {
+        out.extend(joint_methods()?);
+        out.extend(brdf_methods(
+            "The BRDF slice is then fitted under the light's determined frequencies, to the part of the light field that they caused:",
+        )?);
+    }
     if let Some(model) = text_at(&run.recipe_toml, &["brdf", "model"]) {
         out.push(words(format!(
             "The BRDF was given: model <em>{}</em>, with the parameters in the recipe below.",
@@ -112,4 +123,42 @@ pub fn methods(run: &Run) -> Result<Vec<Passage>> {
          illumination”, Proc. SPIE 4299 (2001).",
     ));
     Ok(out)
+}
+
+/// How a slice is fitted.
+fn brdf_methods(first: &str) -> Result<Vec<Passage>> {
+    Ok(vec![
+        words(first),
+        equation(
+            r"b_k = \frac{1}{\cos\theta_{o,k}'} \int_{-\pi/2}^{\pi/2} L(\alpha_k + \theta_i') \, \tilde\rho(\theta_i', \theta_{o,k}') \, \mathrm{d}\theta_i' + \text{noise}, \qquad \tilde\rho = \rho \cos\theta_i' \cos\theta_o'",
+        )?,
+        words(format!(
+            "{} is a product spline over the two half circles, zero beyond them, symmetric (reciprocity) and not negative; nothing else is assumed of the shape of a lobe. \
+             The posterior under a prior of smoothness across and along the mirror direction gives the values and their standard deviations; the prior's weights maximise the marginal likelihood of the samples. \
+             A value is determined if the samples alone, without the prior, fix it to within half of what could be expected of it; weak if only samples and smoothness together do; else indeterminate.",
+            inline(r"\tilde\rho")?
+        )),
+        words(
+            "Analytic models are fitted to the slice at the spacing of the spline's knots, by weighted least squares; they are ordered by the Bayesian information criterion.",
+        ),
+    ])
+}
+
+/// How light and material are told apart.
+fn joint_methods() -> Result<Vec<Passage>> {
+    Ok(vec![
+        words(
+            "Neither light nor material was given. What tells them apart is reciprocity: with the light field's coefficients over both angles [RH01, eq. 15],",
+        ),
+        equation(
+            r"\tilde B_{p,q} = 2\pi L_p \tilde\rho_{-p,q} , \quad \tilde\rho_{p,q} = \tilde\rho_{q,p} \quad\Rightarrow\quad \tilde B_{p,q} \overline{L_q} = \overline{\tilde B_{q,p}} L_p \quad\text{for all } p, q .",
+        )?,
+        words(
+            "These equations are linear in the light. Their total least-squares solution is the eigenvector of the smallest eigenvalue; from there the light is refined on the samples with the support of the \
+             half circles, by the part of the data that no reciprocal BRDF can explain, so that no prior on the BRDF pulls at the light. The covariance is the inverse of the information that this part holds.",
+        ),
+        words(
+            "A common factor stays free, light times it and material divided by it; an outside fact sets it, or the convention that the light's mean is one. [RH01, eq. 29] uses one row of the equations and is shown for comparison.",
+        ),
+    ])
 }

@@ -8,12 +8,14 @@ mod equation;
 mod figure;
 mod methods;
 mod number;
+pub mod paper;
 mod plot;
 mod results;
 mod settings;
 mod table;
 #[cfg(test)]
 mod tests;
+mod validation;
 
 use askama::Template;
 
@@ -22,6 +24,7 @@ use crate::pipeline::Run;
 use figure::Figure;
 use methods::Passage;
 use results::ResultTable;
+pub use validation::validation;
 
 /// The page as the template takes it.
 #[derive(Template)]
@@ -71,12 +74,20 @@ pub fn page(run: &Run) -> Result<String> {
     lighting.extend(figure::lighting_curve(run));
     lighting.extend(figure::lighting_polar(run));
     lighting.extend(figure::lighting_spectrum(run));
+    lighting.extend(figure::ways_compared(run));
+    lighting.extend(figure::eigenvalues(run));
+    let mut brdf = Vec::new();
+    brdf.extend(figure::brdf_cuts(run));
+    brdf.extend(figure::brdf_image(run)?);
+    brdf.extend(figure::brdf_sigma(run)?);
+    brdf.extend(figure::brdf_status(run));
     let mut fit = Vec::new();
     fit.extend(figure::residual_image(run)?);
     fit.extend(figure::residual_histogram(run));
     fit.extend(figure::regularisation(run));
     let sections = [
         ("lighting-section", "Lighting", lighting),
+        ("brdf-section", "BRDF", brdf),
         ("object-section", "Object and photographs", object),
         ("light-field-section", "Light field", light_field),
         ("fit-section", "Quality of the fit", fit),

@@ -93,6 +93,9 @@ pub fn tables(run: &Run) -> Vec<ResultTable> {
             rows,
         });
     }
+    out.extend(brdf(run));
+    out.extend(models(run));
+    out.extend(gauge(run));
     let field = &run.light_field;
     let rows = field
         .channels
@@ -137,4 +140,136 @@ pub fn tables(run: &Run) -> Vec<ResultTable> {
         rows,
     });
     out
+}
+
+/// The recovered slice.
+fn brdf(run: &Run) -> Option<ResultTable> {
+    let brdf = run.brdf.as_ref()?;
+    let rows = brdf
+        .channels
+        .iter()
+        .zip(&brdf.slices)
+        .enumerate()
+        .map(|(c, (name, slice))| {
+            let share = |status| {
+                let count = slice.status.iter().filter(|s| **s == status).count();
+                percent(count as f64 / slice.status.len().max(1) as f64)
+            };
+            let fit = run.fit.get(c);
+            vec![
+                name.clone(),
+                share(Status::Determined),
+                share(Status::Weak),
+                share(Status::Indeterminate),
+                format!("{}°", short(slice.resolution.to_degrees(), 2)),
+                short(slice.parameters, 3),
+                fit.map_or("—".to_owned(), |f| percent(f.residual_relative)),
+                fit.map_or("—".to_owned(), |f| percent(f.unexplained)),
+            ]
+        })
+        .collect();
+    Some(ResultTable {
+        title: "BRDF slice in sr⁻¹, in the plane of incidence".to_owned(),
+        columns: [
+            "channel",
+            "determined",
+            "weak",
+            "indeterminate",
+            "knots every",
+            "effective parameters",
+            "residual rms / maximum",
+            "unexplained beyond noise",
+        ]
+        .map(str::to_owned)
+        .to_vec(),
+        rows,
+    })
+}
+
+/// How many models of a channel are listed.
+const MODELS: usize = 5;
+
+/// The analytic models that fit best.
+fn models(run: &Run) -> Option<ResultTable> {
+    let models = run.models.as_ref()?;
+    let mut rows = Vec::new();
+    for channel in &models.channels {
+        let lowest = |pick: fn(&crate::brdf::fit::ModelFit) -> f64| {
+            channel.fits.iter().map(pick).fold(f64::INFINITY, f64::min)
+        };
+        let (aic, bic) = (lowest(|f| f.aic), lowest(|f| f.bic));
+        for fit in channel.fits.iter().take(MODELS) {
+            let parameters: Vec<String> = fit
+                .parameters
+                .iter()
+                .map(|p| match p.sigma {
+                    Some(sigma) => format!("{} {}", p.name, with_sigma(p.value, sigma)),
+                    None => format!("{} {}", p.name, short(p.value, 4)),
+                })
+                .collect();
+            rows.push(vec![
+                channel.channel.clone(),
+                fit.model.clone(),
+                percent(fit.relative_rms),
+                short(fit.aic - aic, 3),
+                short(fit.bic - bic, 3),
+                parameters.join(", "),
+            ]);
+        }
+    }
+    (!rows.is_empty()).then(|| ResultTable {
+        title: "Analytic models fitted to the slice (± one standard deviation)".to_owned(),
+        columns: [
+            "channel",
+            "model",
+            "rms of ρ cos cos / maximum",
+            "ΔAIC",
+            "ΔBIC",
+            "parameters",
+        ]
+        .map(str::to_owned)
+        .to_vec(),
+        rows,
+    })
+}
+
+/// What a recovery of both left free.
+fn gauge(run: &Run) -> Option<ResultTable> {
+    if run.gauge.is_empty() {
+        return None;
+    }
+    let rows = run
+        .gauge
+        .iter()
+        .map(|g| {
+            let undetermined: Vec<String> =
+                g.undetermined.iter().map(ToString::to_string).collect();
+            vec![
+                g.channel.clone(),
+                g.components.len().to_string(),
+                if undetermined.is_empty() {
+                    "none".to_owned()
+                } else {
+                    undetermined.join(", ")
+                },
+                short(g.misfit, 3),
+                percent(g.ratios_difference),
+                percent(g.eigenproblem_difference),
+            ]
+        })
+        .collect();
+    Some(ResultTable {
+        title: "Light and material told apart by reciprocity".to_owned(),
+        columns: [
+            "channel",
+            "free factors",
+            "light's frequencies not determined",
+            "misfit / noise",
+            "eq. 29 differs by",
+            "eigenproblem differs by",
+        ]
+        .map(str::to_owned)
+        .to_vec(),
+        rows,
+    })
 }

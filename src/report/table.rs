@@ -109,7 +109,8 @@ impl Table {
     }
 }
 
-fn write_csv_text(text: &str, out: &mut String) {
+/// A field of a CSV file, quoted if it must be.
+pub fn write_csv_text(text: &str, out: &mut String) {
     if text.contains([',', '"', '\n', '\r']) {
         let _ = write!(out, "\"{}\"", text.replace('"', "\"\""));
     } else {

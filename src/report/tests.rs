@@ -102,7 +102,11 @@ fn sun_run() -> Run {
         spectrum: spectrum(),
         residual: Some(residual),
         view_residual: None,
+        fit: Vec::new(),
         lighting: Some(lighting()),
+        brdf: None,
+        models: None,
+        gauge: Vec::new(),
         light_field: field,
         warnings: vec!["Two views (12, 40) are 0.4 % brighter than their neighbours; check that the lamp was stable, or give per-view gains.".to_owned()],
         findings: vec![

@@ -103,7 +103,8 @@ pub fn gaps(name: &str, size: usize, slice: &Slice) -> Vec<String> {
         .iter()
         .filter(|s| **s == Status::Indeterminate)
         .count();
-    if missing == 0 {
+    // The corners at which both directions graze are open in every capture; they are no warning.
+    if (missing as f64) < 0.01 * total {
         return out;
     }
     let known = slice

@@ -37,7 +37,8 @@ impl Illumination {
         let has_smooth = lighting
             .table
             .get(channel)
-            .is_some_and(|t| t.iter().any(|&v| v != 0.0));
+            .is_some_and(|t| t.iter().any(|&v| v != 0.0))
+            || lighting.smooth.get(channel).is_some_and(|s| s.norm() > 0.0);
         let mut smooth = Vec::new();
         if has_smooth {
             let step = TAU / CIRCLE as f64;

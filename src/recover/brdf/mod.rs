@@ -155,7 +155,8 @@ pub fn recover(samples: &Samples, lighting: &Lighting, options: &Options) -> Res
         estimate
             .warnings
             .extend(estimate::gaps(name, options.size, &slice));
-        if slice.noise > 1.2 {
+        // Up to twice the stated σ is what an optimistic noise model does.
+        if slice.noise > 4.0 {
             estimate.warnings.push(format!(
                 "{name}: the residual is {:.1} times what the variances of the samples allow; all σ are scaled up by it. The lighting or the geometry may be wrong, or light may come from outside the plane.",
                 slice.noise.sqrt()

@@ -29,6 +29,16 @@ pub(super) struct Spectrum {
     pub seen: Vec<bool>,
 }
 
+/// Mean square difference of a spectrum and another in the real basis.
+fn mean_square(spectrum: &[Complex64], other: impl Fn(usize) -> Complex64) -> f64 {
+    let sum: f64 = spectrum
+        .iter()
+        .enumerate()
+        .map(|(p, c)| if p == 0 { 1.0 } else { 2.0 } * (c - other(p)).norm_sqr())
+        .sum();
+    sum / (2 * spectrum.len() - 1) as f64
+}
+
 /// The turn of B_p, in radians, over which a straight line in the complex plane is still a fair guess.
 const MOST_TURN: f64 = 2.5;
 
@@ -77,7 +87,7 @@ impl Covariance {
 /// The half circle whose cells are the columns' spacing.
 pub(super) fn half_circle(samples: &Samples) -> Result<HalfCircle> {
     let width = samples.column_width();
-    if samples.columns.len() < 4 || !(width > 0.0) {
+    if samples.columns.len() < 4 || width.is_nan() || width <= 0.0 {
         return Err(Error::input(format!(
             "factorisation needs at least 4 columns in increasing θo′, found {}",
             samples.columns.len()
@@ -191,56 +201,99 @@ impl Spectrum {
         Ok(spectrum)
     }
 
-    /// Fills the nodes that were not seen by the line through the nearest seen nodes of B_p(θo′), a few nodes apart
-    /// against noise: a guess to start from, not a measurement.
+    /// Fills the nodes that were not seen by the line through the nearest seen nodes of B_p(θo′), three nodes apart
+    /// against noise: a guess to start from, and a weak prior.
     ///
-    /// A mirror's B_p turns as e^{−ipθo′}: where it would turn by more than `MOST_TURN` up to the unseen node, the line is
-    /// drawn in the frame that turns with the seen nodes. The guess's variance is the power there; its error is common to all nodes on that side,
-    /// so it is counted once for each.
+    /// Its variance is read from the data: the same line is drawn from as far inside the seen nodes as the node lies outside
+    /// them, and compared with what was seen there. Twice that error is allowed, since curves grow towards grazing
+    /// angles, and since it is common to all nodes on that side it is counted once for each.
     fn extrapolate(&mut self, half: &HalfCircle) {
-        let seen: Vec<usize> = (0..half.len()).filter(|&k| self.seen[k]).collect();
+        const APART: i64 = 3;
+        let seen: Vec<i64> = (0..half.len() as i64)
+            .filter(|&k| self.seen[k as usize])
+            .collect();
         let (Some(&first), Some(&last)) = (seen.first(), seen.last()) else {
             return;
         };
-        for k in (0..half.len()).filter(|&k| !self.seen[k]) {
+        let is_seen = |k: i64| usize::try_from(k).is_ok_and(|k| self.seen.get(k) == Some(&true));
+        let mut guesses = Vec::new();
+        for k in (0..half.len() as i64).filter(|&k| !is_seen(k)) {
+            // The two seen nodes that carry the line, how many nodes share its error, and the step inwards.
             let next = seen.partition_point(|&s| s < k);
-            // The two seen nodes that carry the line, and how many nodes share its error.
-            let (a, b, sharing) = if k < first {
-                (first, seen.get(3).copied().unwrap_or(last), first)
+            let (a, b, sharing, inwards) = if k < first {
+                (first, first + APART, first, 1)
             } else if k > last {
-                (
-                    last,
-                    seen[seen.len().saturating_sub(4)],
-                    half.len() - 1 - last,
-                )
+                (last, last - APART, half.len() as i64 - 1 - last, -1)
             } else {
-                (seen[next - 1], seen[next], seen[next] - seen[next - 1] - 1)
+                let (a, b) = (seen[next - 1], seen[next]);
+                (a, b, b - a - 1, 0)
             };
-            let t = (half.angles[k] - half.angles[a]) / (half.angles[b] - half.angles[a]);
-            let mut power = 0.0;
-            for p in 0..=self.order {
-                let (near, far) = (self.get(p as i64, a), self.get(p as i64, b));
-                let turn = (far * near.conj()).arg();
-                let guess = if (turn * t).abs() < MOST_TURN {
-                    (1.0 - t) * near + t * far
-                } else {
-                    let along = (1.0 - t) * near + t * far * Complex64::cis(-turn);
-                    // A line that crosses zero has told all it can: then the amplitude is held.
-                    let crossed =
-                        along.norm() > 3.0 * near.norm() || (along * near.conj()).re < 0.0;
-                    (if crossed { near } else { along }) * Complex64::cis(turn * t)
-                };
-                power += near.norm_sqr().max(guess.norm_sqr());
+            let b = if is_seen(b) { b } else { a + inwards };
+            let b = if is_seen(b) { b } else { a };
+            let guess = self.line(a, b, k);
+            let shift = inwards * sharing;
+            let error = if inwards != 0 && [a, b, k].iter().all(|n| is_seen(n + shift)) {
+                let inside = self.line(a + shift, b + shift, k + shift);
+                let at = (k + shift) as usize;
+                4.0 * mean_square(&inside, |p| self.get(p as i64, at))
+            } else {
+                mean_square(&guess, |_| Complex64::ZERO)
+                    .max(mean_square(&self.line(a, a, k), |_| Complex64::ZERO))
+            };
+            guesses.push((k as usize, guess, sharing as f64 * error));
+        }
+        for (k, guess, variance) in guesses {
+            for (p, c) in guess.into_iter().enumerate() {
                 if p == 0 {
-                    self.values[(0, k)] = guess.re;
+                    self.values[(0, k)] = c.re;
                 } else {
-                    self.values[(2 * p - 1, k)] = SQRT_2 * guess.re;
-                    self.values[(2 * p, k)] = SQRT_2 * guess.im;
+                    self.values[(2 * p - 1, k)] = SQRT_2 * c.re;
+                    self.values[(2 * p, k)] = SQRT_2 * c.im;
                 }
             }
-            let spread = sharing as f64 * power / (self.order + 1) as f64;
-            self.covariance[k] = Covariance::White(spread.max(f64::MIN_POSITIVE));
+            self.covariance[k] = Covariance::White(variance.max(f64::MIN_POSITIVE));
         }
+    }
+
+    /// Gives the nodes that were not seen a standard deviation of ten times the largest power of any node: no prior to
+    /// speak of.
+    pub fn forget_guesses(&mut self) {
+        let largest = (0..self.seen.len())
+            .map(|k| self.values.col(k).iter().map(|v| v * v).sum::<f64>())
+            .fold(f64::MIN_POSITIVE, f64::max);
+        for (covariance, _) in self
+            .covariance
+            .iter_mut()
+            .zip(&self.seen)
+            .filter(|(_, s)| !**s)
+        {
+            *covariance = Covariance::White(100.0 * largest);
+        }
+    }
+
+    /// B_p at node `k`, p = 0 … order, on the line through nodes `a` and `b` (constant if they are the same).
+    ///
+    /// A mirror's B_p turns as e^{−ipθo′}: where it would turn by more than [`MOST_TURN`] from `a` to `k`, the line is
+    /// drawn in the frame that turns with the nodes.
+    fn line(&self, a: i64, b: i64, k: i64) -> Vec<Complex64> {
+        let t = if a == b {
+            0.0
+        } else {
+            (k - a) as f64 / (b - a) as f64
+        };
+        (0..=self.order as i64)
+            .map(|p| {
+                let (near, far) = (self.get(p, a as usize), self.get(p, b as usize));
+                let turn = (far * near.conj()).arg();
+                if (turn * t).abs() < MOST_TURN {
+                    return (1.0 - t) * near + t * far;
+                }
+                let along = (1.0 - t) * near + t * far * Complex64::cis(-turn);
+                // A line that crosses zero has told all it can: then the amplitude is held.
+                let crossed = along.norm() > 3.0 * near.norm() || (along * near.conj()).re < 0.0;
+                (if crossed { near } else { along }) * Complex64::cis(turn * t)
+            })
+            .collect()
     }
 
     /// Adds to every column's variance what frequencies beyond those resolved would put onto frequencies up to `order`.

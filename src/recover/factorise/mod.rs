@@ -1,4 +1,4 @@
-//! Lighting and BRDF at once, from the light field alone ([RH01] section 5.3, and beyond).
+//! Lighting and BRDF at once, from the light field alone (\[RH01\] section 5.3, and beyond).
 //!
 //! # The problem
 //!
@@ -44,13 +44,20 @@
 //! Frequencies that do not rise above the noise in any column are left out of the fit, which biases nothing; then
 //! they are regressed on the H_p of the fitted ρ̃: they come out dark where H_p is seen, else invisible.
 //!
-//! The start is the [eigenproblem](spectral) over all (p, q); eq. 29 is in [ratio].
+//! The start is the eigenproblem (`spectral`) over all (p, q); eq. 29 is in `ratio`.
 //!
 //! # Limits
 //!
 //! Pairs are exact if the noise of a column is the same for all its coefficients (a complete circle of views with even
 //! noise). Otherwise the mean variance of the column is used: the estimate stays unbiased, loses some efficiency, and its σ
 //! is that of the true noise carried through.
+//!
+//! Light that is not band-limited (a sun) leaves kinks in B(α) where it grazes; their frequencies n − p beyond those that
+//! the n views resolve fold onto p with about (p / (n − p))² of its amplitude. Where that rises above the noise of a
+//! column it is added to its variance; a fold below the noise of one column, but common to all, is not known of.
+//!
+//! Beyond the limb cut the guess that serves as a weak prior has the error that the same guess has inside the cut; where
+//! lobes change their character in the part that was never seen, σ is too small.
 
 mod absent;
 mod columns;
@@ -65,6 +72,8 @@ mod slice;
 mod spectral;
 #[cfg(test)]
 mod study;
+#[cfg(test)]
+mod tests;
 mod uncertainty;
 
 use num_complex::Complex64;
@@ -80,6 +89,7 @@ use crate::angle::LocalAngle;
 use crate::error::{Error, Result};
 use crate::fourier::Series;
 use crate::light_field::Samples;
+use crate::lighting::Status;
 
 pub use scale::Scale;
 
@@ -107,17 +117,11 @@ impl Default for Options {
     }
 }
 
-/// How well a coefficient is known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Status {
-    /// σ ≤ 5 % of L_0: the range |L_p| ≤ L_0 that any light has is narrowed more than twentyfold.
-    Determined,
-    /// σ between 5 % and 40 % of L_0.
-    Weak,
-    /// Hardly narrower than the range any light has.
-    Indeterminate,
-}
+/// Largest σ of a coefficient called determined, relative to L_0: the range |L_p| ≤ L_0 that any light has is then
+/// narrowed more than twentyfold.
+const DETERMINED: f64 = 0.05;
+/// Largest σ of a coefficient called weak; beyond, it is hardly known better than for any light.
+const WEAK: f64 = 0.4;
 
 /// Lighting and BRDF of all channels.
 #[derive(Clone, Debug)]
@@ -205,7 +209,8 @@ pub fn cramer_rao(
     order: usize,
 ) -> Result<Vec<f64>> {
     let half = columns::half_circle(clean)?;
-    let spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    let mut spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    spectrum.forget_guesses();
     let frequencies: Vec<usize> = (0..=order).collect();
     let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;
     let mut bound = vec![0.0];
@@ -367,8 +372,8 @@ fn recover_channel(
     let status: Vec<Status> = sigma
         .iter()
         .map(|s| match s {
-            s if *s <= 0.05 => Status::Determined,
-            s if *s <= 0.4 => Status::Weak,
+            s if *s <= DETERMINED => Status::Determined,
+            s if *s <= WEAK => Status::Weak,
             _ => Status::Indeterminate,
         })
         .collect();

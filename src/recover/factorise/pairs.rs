@@ -93,14 +93,36 @@ pub(super) struct Pairs {
     pub u: Mat<f64>,
     /// B″, m × N.
     pub data: Mat<f64>,
+    /// The pairs that both sides see above rounding.
+    pub constraints: Vec<Constraint>,
 }
 
 /// Singular values below this times the largest are rounding, and so are their vectors.
 const ROUNDING: f64 = 1e-9;
 
-/// Where the constraints of a [`Pairs`] are: (a, b) with a > b, both seen, or a beyond the rank of the half circle.
-pub(super) fn constraints(m: usize, n: usize) -> impl Iterator<Item = (usize, usize)> {
-    (0..m).flat_map(move |a| (0..a.min(n)).map(move |b| (a, b)))
+/// One constraint: entry (a, b), a > b, across the model: `cb` B″_ab − `ca` B″_ba = noise.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Constraint {
+    /// Row in Q, and column in U of the mirrored entry.
+    pub a: usize,
+    /// Column in U, and row in Q of the mirrored entry.
+    pub b: usize,
+    /// s_a / |s|; 0 beyond the half circle's rank, where there is no mirrored entry.
+    pub ca: f64,
+    /// s_b / |s|.
+    pub cb: f64,
+}
+
+impl Constraint {
+    /// The value across the model of an m × N matrix of entries (the data, or a change of the model).
+    pub fn of(&self, entry: impl Fn(usize, usize) -> f64) -> f64 {
+        let own = self.cb * entry(self.a, self.b);
+        if self.ca == 0.0 {
+            own
+        } else {
+            own - self.ca * entry(self.b, self.a)
+        }
+    }
 }
 
 impl Pairs {
@@ -116,7 +138,22 @@ impl Pairs {
         s.resize(a.nrows().max(a.ncols()), 0.0);
         let (q, u) = (svd.U().to_owned(), svd.V().to_owned());
         let data = q.transpose() * &whitened.data * &u;
-        Ok(Self { q, s, u, data })
+        let mut pairs = Self {
+            q,
+            s,
+            u,
+            data,
+            constraints: Vec::new(),
+        };
+        for a in 0..pairs.rows() {
+            for b in 0..a.min(pairs.nodes()) {
+                let (ca, cb, size) = pairs.gain(a, b);
+                if size > 0.0 {
+                    pairs.constraints.push(Constraint { a, b, ca, cb });
+                }
+            }
+        }
+        Ok(pairs)
     }
 
     /// m: real coefficients per column.
@@ -140,18 +177,17 @@ impl Pairs {
         }
     }
 
-    /// What the data say across the model in pair (a, b): zero but for noise of unit variance.
-    /// `entries` is the m × N matrix to take it from (the data, or a change of the model).
-    pub fn across(&self, entries: &Mat<f64>, a: usize, b: usize) -> f64 {
-        let (ca, cb, _) = self.gain(a, b);
-        if a >= self.nodes() {
-            return cb * entries[(a, b)];
-        }
-        cb * entries[(a, b)] - ca * entries[(b, a)]
+    /// What the data say across the model, one value per constraint: zero but for noise of unit variance.
+    pub fn across(&self) -> Vec<f64> {
+        self.constraints
+            .iter()
+            .map(|c| c.of(|a, b| self.data[(a, b)]))
+            .collect()
     }
 
     /// What the data say along the model: |s| z_ab plus noise of unit variance; N × N, symmetric. Zero
-    /// where neither side sees the unknown. `entries` as in [`across`](Self::across).
+    /// where neither side sees the unknown. `entries` is the m × N matrix to take it from (the data, or a change
+    /// of the model).
     pub fn along(&self, entries: &Mat<f64>) -> Mat<f64> {
         let (m, n) = (self.rows(), self.nodes());
         let mut y = Mat::zeros(n, n);
@@ -181,13 +217,8 @@ impl Pairs {
 
     /// Sum of squares of all constraints, and their number.
     pub fn misfit(&self) -> (f64, usize) {
-        let mut sum = 0.0;
-        let mut count = 0;
-        for (a, b) in constraints(self.rows(), self.nodes()) {
-            sum += self.across(&self.data, a, b).powi(2);
-            count += usize::from(self.gain(a, b).2 > 0.0);
-        }
-        (sum, count)
+        let across = self.across();
+        (across.iter().map(|r| r * r).sum(), across.len())
     }
 
     /// Derivative of every constraint by Re L_p, Im L_p of every frequency but L_0, which is held:
@@ -195,25 +226,24 @@ impl Pairs {
     pub fn jacobian(&self, whitened: &Whitened, unknown: &Mat<f64>) -> Mat<f64> {
         // H′ = E D^{−½} Y in the basis U on the right: what a unit of L_p adds to row p of B′.
         let response = &whitened.exponentials * &self.u * unknown;
-        let (m, n) = (self.rows(), self.nodes());
-        let count = constraints(m, n).count();
-        let mut jacobian = Mat::zeros(count, m - 1);
+        let m = self.rows();
+        let mut jacobian = Mat::zeros(self.constraints.len(), m - 1);
         for column in 0..m - 1 {
             let (re, im) = (2 * (column / 2) + 1, 2 * (column / 2) + 2);
             // i · (x + iy) = −y + ix.
-            let (first, second) = if column % 2 == 0 { (re, im) } else { (im, re) };
-            let sign = if column % 2 == 0 { 1.0 } else { -1.0 };
-            let change = |a: usize, b: usize| {
-                sign * self.q[(re, a)] * response[(first, b)]
-                    + self.q[(im, a)] * response[(second, b)]
+            let (first, second, sign) = if column % 2 == 0 {
+                (re, im, 1.0)
+            } else {
+                (im, re, -1.0)
             };
-            for (row, (a, b)) in constraints(m, n).enumerate() {
-                let (ca, cb, _) = self.gain(a, b);
-                jacobian[(row, column)] = if a >= n {
-                    cb * change(a, b)
-                } else {
-                    cb * change(a, b) - ca * change(b, a)
-                };
+            let row = |matrix: &Mat<f64>, i: usize| -> Vec<f64> {
+                (0..matrix.ncols()).map(|j| matrix[(i, j)]).collect()
+            };
+            let (q_re, q_im) = (row(&self.q, re), row(&self.q, im));
+            let (h_first, h_second) = (row(&response, first), row(&response, second));
+            let change = |a: usize, b: usize| sign * q_re[a] * h_first[b] + q_im[a] * h_second[b];
+            for (row, constraint) in self.constraints.iter().enumerate() {
+                jacobian[(row, column)] = constraint.of(change);
             }
         }
         jacobian

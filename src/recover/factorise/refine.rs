@@ -3,13 +3,13 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use super::pairs::{Pairs, Whitened, constraints};
+use super::pairs::{Pairs, Whitened};
 use super::posterior::Posterior;
 use crate::error::{Error, Result};
 use crate::fourier::Series;
 
 /// Steps after which the iteration stops in any case.
-const MOST_STEPS: usize = 30;
+const MOST_STEPS: usize = 20;
 /// A step this small, in units of the joint σ of all parameters, is the last.
 const SETTLED: f64 = 0.05;
 /// The rise of the misfit that a step may bring: the misfit changes by 1 over one σ of one parameter.
@@ -76,11 +76,9 @@ pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
     let mut reached = cost(&at.pairs, &at.lighting);
     let mut damping = 0.0;
     while at.steps < MOST_STEPS {
-        let (m, n) = (at.pairs.rows(), at.pairs.nodes());
-        let mut across = Mat::<f64>::zeros(at.jacobian.nrows(), 1);
-        for (row, (a, b)) in constraints(m, n).enumerate() {
-            across[(row, 0)] = at.pairs.across(&at.pairs.data, a, b);
-        }
+        let m = at.pairs.rows();
+        let residuals = at.pairs.across();
+        let across = Mat::from_fn(residuals.len(), 1, |i, _| residuals[i]);
         let mut information = at.jacobian.transpose() * &at.jacobian;
         let mut score = at.jacobian.transpose() * &across;
         for i in 0..m - 1 {
@@ -136,7 +134,7 @@ pub(super) fn part(lighting: &Series, frequencies: &[usize], i: usize) -> f64 {
     let c = frequencies
         .get(i / 2 + 1)
         .map_or(num_complex::Complex64::ZERO, |&p| lighting.get(p as i64));
-    if i % 2 == 0 { c.re } else { c.im }
+    if i.is_multiple_of(2) { c.re } else { c.im }
 }
 
 fn moved(lighting: &Series, frequencies: &[usize], step: &Mat<f64>) -> Series {

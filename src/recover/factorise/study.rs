@@ -9,13 +9,13 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use super::{Options, Status, cramer_rao, recover};
-use crate::angle::{LocalAngle, NormalAngle, WorldAngle};
+use super::{Channel, Options, cramer_rao, recover};
+use crate::angle::{LocalAngle, NormalAngle, WorldAngle, wrap};
 use crate::brdf::{Brdf, Model};
 use crate::fourier::Series;
 use crate::grid::Grid;
-use crate::light_field::Samples;
-use crate::lighting::Lighting;
+use crate::light_field::{Column, Samples};
+use crate::lighting::{Lighting, Status};
 use crate::reflect;
 
 /// A BRDF by its recipe.
@@ -176,25 +176,20 @@ pub(super) fn error(found: &Series, truth: &Series, to: usize) -> f64 {
     (difference / norm).sqrt()
 }
 
-/// What many draws of one case gave.
-#[derive(Debug, Default)]
-pub(super) struct Cell {
-    pub band: usize,
-    pub rms: f64,
-    pub bias: f64,
-    pub bound: f64,
-    pub coverage: f64,
-    pub start: f64,
-    pub ratio: f64,
-    pub misfit: f64,
-    pub unsettled: usize,
-    pub spread: f64,
-    pub seconds: f64,
+/// What many draws of one case gave: root-mean-square over draws of relative errors in the L2 norm, over the
+/// frequencies that are `determined` in every draw and whose own bound is below 5 % of L_0.
+#[derive(Debug)]
+struct Cell {
+    rms: f64,
+    /// The Cramér–Rao bound of the same.
+    bound: f64,
+    /// What the estimate claims of the same.
+    claimed: f64,
+    /// Share of real parts within their 95 % interval.
+    coverage: f64,
 }
 
-/// Errors are summed over the frequencies that are `determined` in every draw and whose own bound is below
-/// 5 % of L_0.
-pub(super) fn monte_carlo(
+fn monte_carlo(
     brdf: &dyn Brdf,
     light: &Light,
     grid: Grid,
@@ -206,7 +201,7 @@ pub(super) fn monte_carlo(
     let clean = light.field(brdf, grid);
     let sigma = noise * clean.iter().copied().fold(0.0, f64::max);
     let begun = std::time::Instant::now();
-    let found: Vec<_> = (0..draws)
+    let found: Vec<Channel> = (0..draws)
         .map(|d| {
             let s = samples(&clean, grid, sigma, cut, Some(1000 + d));
             recover(&s, options)
@@ -215,149 +210,193 @@ pub(super) fn monte_carlo(
                 .remove(0)
         })
         .collect();
-    let seconds = begun.elapsed().as_secs_f64() / draws as f64;
+    let milliseconds = 1e3 * begun.elapsed().as_secs_f64() / draws as f64;
     let band = found.iter().map(|c| c.band).min().unwrap_or(0);
     let truth = light.series(band);
     let bound =
-        cramer_rao(&samples(&clean, grid, sigma, cut, None), 0, &truth, band).expect("bound");
+        cramer_rao(&samples(&clean, grid, sigma, cut, None), 0, &truth, band).expect("a bound");
     let kept: Vec<usize> = (1..=band)
         .filter(|&p| bound[p] < 0.05 && found.iter().all(|c| c.status[p] == Status::Determined))
         .collect();
-    let norm = truth.norm().powi(2) / TAU;
-    let mut cell = Cell {
-        band,
-        seconds,
-        ..Cell::default()
+    // Sum over ±p of mean squares, relative to the light's.
+    let total = |term: &dyn Fn(&Channel, usize) -> f64| -> f64 {
+        let sum: f64 = kept
+            .iter()
+            .flat_map(|&p| found.iter().map(move |c| term(c, p)))
+            .sum();
+        (2.0 * sum / draws as f64 / (truth.norm().powi(2) / TAU)).sqrt()
     };
+    let off = |s: &Series, p: usize| (s.coefficients[p] - truth.coefficients[p]).norm_sqr();
     let (mut inside, mut count) = (0.0, 0.0);
-    for &p in &kept {
-        cell.bound += 2.0 * bound[p].powi(2) / norm;
-        let mut mean = Complex64::ZERO;
-        for c in &found {
-            let e = c.lighting.coefficients[p] - truth.coefficients[p];
-            mean += e / draws as f64;
-            cell.rms += 2.0 * e.norm_sqr() / norm / draws as f64;
-            cell.start += 2.0 * (c.start.coefficients[p] - truth.coefficients[p]).norm_sqr()
-                / norm
-                / draws as f64;
-            cell.ratio += 2.0 * (c.ratio.coefficients[p] - truth.coefficients[p]).norm_sqr()
-                / norm
-                / draws as f64;
-            cell.spread += 2.0 * c.sigma[p].powi(2) / norm / draws as f64;
-            if let Some(i) = c.frequencies.iter().position(|&q| q == p) {
-                let m = 2 * (c.frequencies.len() - 1);
+    for c in &found {
+        let size = 2 * (c.frequencies.len() - 1);
+        for (i, p) in c.frequencies.iter().enumerate().skip(1) {
+            if kept.contains(p) {
+                let e = c.lighting.coefficients[*p] - truth.coefficients[*p];
                 for (part, e) in [(2 * i - 2, e.re), (2 * i - 1, e.im)] {
-                    inside +=
-                        f64::from(e.abs() <= 1.959_964 * c.covariance[part * m + part].sqrt());
+                    let sigma = c.covariance[part * size + part].sqrt();
+                    inside += f64::from(e.abs() <= 1.959_964 * sigma);
                     count += 1.0;
                 }
             }
         }
-        cell.bias += 2.0 * mean.norm_sqr() / norm;
     }
-    for v in [
-        &mut cell.rms,
-        &mut cell.bias,
-        &mut cell.bound,
-        &mut cell.start,
-        &mut cell.ratio,
-        &mut cell.spread,
-    ] {
-        *v = v.sqrt();
-    }
-    cell.coverage = inside / count;
-    cell.misfit = found.iter().map(|c| c.misfit).sum::<f64>() / draws as f64;
-    cell.unsettled = found.iter().filter(|c| !c.converged).count();
-    // Coverage of all complex errors, in σ.
-    let (mut wi, mut wc) = (0.0, 0.0);
-    for c in &found {
-        for p in 1..=band {
-            if c.sigma[p] < 0.4 && !kept.contains(&p) {
-                wi += f64::from(
-                    (c.lighting.coefficients[p] - truth.coefficients[p]).norm()
-                        <= 1.7308 * c.sigma[p],
-                );
-                wc += 1.0;
-            }
-        }
-    }
-    let weak: f64 = wi / wc;
+    let cell = Cell {
+        rms: total(&|c, p| off(&c.lighting, p)),
+        bound: total(&|_, p| bound[p].powi(2)),
+        claimed: total(&|c, p| c.sigma[p].powi(2)),
+        coverage: inside / count,
+    };
     println!(
-        "band {band} kept {} | rms {:.2e} bound {:.2e} ratio {:.3} | bias {:.1e} sigma/bound {:.3} coverage {:.3} | start {:.1e} eq29 {:.1e} | misfit {:.3} unsettled {} | {:.0} ms | weak {weak:.3}",
+        "band {band} kept {} | rms {:.2e} bound {:.2e} ratio {:.3} | claimed/bound {:.3} coverage {:.3} | start {:.1e} \
+         eq. 29 {:.1e} | misfit {:.3} unsettled {} | {milliseconds:.0} ms",
         kept.len(),
         cell.rms,
         cell.bound,
         cell.rms / cell.bound,
-        cell.bias,
-        cell.spread / cell.bound,
+        cell.claimed / cell.bound,
         cell.coverage,
-        cell.start,
-        cell.ratio,
-        cell.misfit,
-        cell.unsettled,
-        1e3 * cell.seconds
+        total(&|c, p| off(&c.start, p)),
+        total(&|c, p| off(&c.ratio, p)),
+        found.iter().map(|c| c.misfit).sum::<f64>() / draws as f64,
+        found.iter().filter(|c| !c.converged).count(),
     );
     cell
 }
 
+/// Photographs from `orbits` (degrees) of a cylinder far away: every column sees each view at α = orbit − θo′. `noise`
+/// is relative to the largest sample and at least 1e-6 of it.
+pub(super) fn views(
+    light: &Light,
+    brdf: &dyn Brdf,
+    orbits: &[f64],
+    locals: usize,
+    cut: f64,
+    noise: f64,
+    seed: u64,
+) -> Samples {
+    let grid = Grid { normals: 1, locals };
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    let order = match light {
+        Light::Real(_) => 0,
+        Light::Limited(s) => s.order(),
+    };
+    let mut columns: Vec<Column> = (0..locals)
+        .map(|j| grid.local(j))
+        .filter(|local| local.deg().abs() <= cut)
+        .map(|local| {
+            let row = crate::brdf::transfer_row(brdf, local, order);
+            let alpha: Vec<f64> = orbits
+                .iter()
+                .map(|o| wrap(o.to_radians() - local.rad()))
+                .collect();
+            let value = alpha
+                .iter()
+                .map(|a| light.value(brdf, &row, *a, local.rad()))
+                .collect();
+            Column {
+                local,
+                view: (0..orbits.len() as u32).collect(),
+                variance: vec![Vec::new()],
+                value: vec![value],
+                alpha,
+            }
+        })
+        .collect();
+    let largest = columns
+        .iter()
+        .flat_map(|c| c.value[0].iter().copied())
+        .fold(0.0, f64::max);
+    let sigma = largest * noise.max(1e-6);
+    for c in &mut columns {
+        for v in &mut c.value[0] {
+            let e: f64 = StandardNormal.sample(&mut rng);
+            *v += noise * largest * e;
+        }
+        c.variance[0] = vec![sigma * sigma; c.alpha.len()];
+    }
+    Samples {
+        channels: vec!["Y".into()],
+        columns,
+    }
+}
+
+/// `count` orbit angles all around, degrees.
+pub(super) fn all_around(count: usize) -> Vec<f64> {
+    (0..count)
+        .map(|v| 1.25 + 360.0 * v as f64 / count as f64)
+        .collect()
+}
+
+/// BRDFs × lights × noise, on one's own grid: `LOCALS`, `CUT`, `DRAWS`, `BAND`, `BRDF`, `LIGHT`, `NOISE` of the environment.
 #[test]
 #[ignore = "minutes"]
-fn explore() {
-    let n: usize = std::env::var("N")
-        .ok()
-        .and_then(|v| v.parse().ok())
-        .unwrap_or(60);
-    let cut: f64 = std::env::var("CUT")
-        .ok()
-        .and_then(|v| v.parse().ok())
-        .unwrap_or(90.0);
-    let draws: u64 = std::env::var("DRAWS")
-        .ok()
-        .and_then(|v| v.parse().ok())
-        .unwrap_or(10);
+fn error_against_the_bound() {
+    let text = |name: &str| std::env::var(name).ok();
+    let number =
+        |name: &str, default: f64| text(name).and_then(|v| v.parse().ok()).unwrap_or(default);
+    let n = number("LOCALS", 90.0) as usize;
     let grid = Grid {
         normals: 6 * n,
         locals: n,
     };
-    for (bname, recipe) in [
+    let brdfs = [
         ("phong 8", PHONG_8),
         ("phong 32", PHONG_32),
         ("phong 128", PHONG_128),
-        ("ggx .1", GGX_01),
-        ("ggx .2", GGX_02),
-        ("ggx .4", GGX_04),
+        ("ggx 0.1", GGX_01),
+        ("ggx 0.2", GGX_02),
+        ("ggx 0.4", GGX_04),
         ("plastic", PLASTIC),
         ("velvet", VELVET),
-    ] {
-        if std::env::var("B").is_ok_and(|v| !v.split(',').any(|x| x == bname)) {
-            continue;
-        }
+    ];
+    let lights = [
+        ("suns", Light::Real(two_suns())),
+        ("sky", Light::Real(sky_and_sun())),
+        ("random", Light::Limited(random(16, 5))),
+    ];
+    let listed =
+        |name: &str, value: &str| text(name).is_none_or(|list| list.split(',').any(|x| x == value));
+    let (mut worst, mut cells) = (0.0f64, 0);
+    for (material, recipe) in brdfs {
         let b = brdf(recipe);
-        for (lname, light) in [
-            ("suns", Light::Real(two_suns())),
-            ("sky", Light::Real(sky_and_sun())),
-            ("random", Light::Limited(random(16, 5))),
-        ] {
-            if std::env::var("L").is_ok_and(|v| v != lname) {
-                continue;
-            }
-            for noise in [0.0001, 0.001, 0.01] {
-                if std::env::var("S").is_ok_and(|v| v.parse::<f64>().unwrap_or(0.0) != noise) {
+        for (lamp, light) in &lights {
+            for noise in ["0.0001", "0.001", "0.01"] {
+                if !(listed("BRDF", material) && listed("LIGHT", lamp) && listed("NOISE", noise)) {
                     continue;
                 }
-                print!("{bname} {lname} {noise}: ");
-                monte_carlo(
+                print!("{material} {lamp} {noise}: ");
+                let cell = monte_carlo(
                     b.as_ref(),
-                    &light,
+                    light,
                     grid,
-                    noise,
-                    cut,
-                    draws,
-                    &Options::default(),
+                    noise.parse().unwrap_or(0.01),
+                    number("CUT", 90.0),
+                    number("DRAWS", 10.0) as u64,
+                    &Options {
+                        band: text("BAND").and_then(|v| v.parse().ok()),
+                        ..Options::default()
+                    },
                 );
+                if cell.bound < 0.05 && *lamp == "random" {
+                    worst = worst.max(cell.rms / cell.bound);
+                }
+                // Light that is not band-limited folds onto the fitted band by up to (p / (n − p))² of its amplitude,
+                // 1e-3 at p = 16 of n = 540: below 0.1 % noise that is more than the noise, and is not corrected.
+                if *lamp == "random" || noise != "0.0001" {
+                    // The rms of few draws in a few weak directions scatters by a quarter.
+                    assert!(
+                        cell.rms < 1.6 * cell.claimed && cell.coverage > 0.85,
+                        "{cell:?}"
+                    );
+                }
+                cells += 1;
             }
         }
     }
+    println!("worst ratio {worst:.3} over {cells} cells");
+    // The ratio of 10 draws of 32 numbers scatters by 1/√640 = 4 %, more where a few weak directions dominate.
+    assert!(worst < 1.25, "{worst}");
 }
 
 /// 360 × 180 cells, 1 % noise per cell: where eq. 29 is off by 8 % or more, the factorisation is within 1 % up to p = 8.
@@ -373,28 +412,20 @@ fn one_per_cent_noise_leaves_one_per_cent_error_up_to_order_8() {
             let b = brdf(recipe);
             let clean = light.field(b.as_ref(), grid);
             let sigma = 0.01 * clean.iter().copied().fold(0.0, f64::max);
-            let begun = std::time::Instant::now();
             let found = recover(
                 &samples(&clean, grid, sigma, 90.0, Some(3)),
                 &Options::default(),
             )
-            .expect("result");
+            .expect("a factorisation");
             let channel = &found.channels[0];
             let truth = light.series(8);
-            println!(
-                "{:?} band {} {:.4} start {:.4} eq29 {:.4} misfit {:.3} {:?}",
-                begun.elapsed(),
-                channel.band,
-                error(&channel.lighting, &truth, 8),
-                error(&channel.start, &truth, 8),
-                error(&channel.ratio, &truth, 8),
-                channel.misfit,
-                channel.status
-            );
+            assert!(error(&channel.lighting, &truth, 8) < 0.01);
+            assert!(error(&channel.ratio, &truth, 8) > 0.08);
         }
     }
 }
 
+/// A lobe of 1.3° with no diffuse part, limb cut 80°, 0.1 % noise: within 1 % up to p = 16.
 #[test]
 #[ignore = "seconds"]
 fn a_near_mirror_factorises() {
@@ -406,182 +437,64 @@ fn a_near_mirror_factorises() {
     for light in [Light::Real(two_suns()), Light::Limited(random(16, 7))] {
         let clean = light.field(b.as_ref(), grid);
         let sigma = 0.001 * clean.iter().copied().fold(0.0, f64::max);
-        let begun = std::time::Instant::now();
         let found = recover(
             &samples(&clean, grid, sigma, 80.0, Some(3)),
             &Options::default(),
         )
-        .expect("result");
-        let channel = &found.channels[0];
-        let truth = light.series(16);
-        println!(
-            "{:?} band {} {:.5} start {:.4} eq29 {:.4} misfit {:.3} {:?} {:?} eig {:.2?}",
-            begun.elapsed(),
-            channel.band,
-            error(&channel.lighting, &truth, 16),
-            error(&channel.start, &truth, 16),
-            error(&channel.ratio, &truth, 16),
-            channel.misfit,
-            channel.status,
-            channel.components,
-            &channel.eigenvalues[..8]
-        );
+        .expect("a factorisation");
+        let found = error(&found.channels[0].lighting, &light.series(16), 16);
+        assert!(found < 0.01, "{found}");
     }
 }
 
+/// 72 views of a GGX 0.2 metal under two suns and a fill: within 0.5 % up to p = 12, and nothing beyond its error bars.
 #[test]
 #[ignore = "seconds"]
-fn lambert() {
-    let grid = Grid {
-        normals: 360,
-        locals: 90,
-    };
-    let b = brdf("model = 'lambertian'\nalbedo = 0.7");
-    for light in [Light::Real(two_suns()), Light::Limited(random(16, 7))] {
-        let clean = light.field(b.as_ref(), grid);
-        let sigma = 0.001 * clean.iter().copied().fold(0.0, f64::max);
-        let found = recover(
-            &samples(&clean, grid, sigma, 80.0, Some(3)),
-            &Options::default(),
-        )
-        .expect("result");
-        let channel = &found.channels[0];
-        let truth = light.series(channel.band);
-        println!(
-            "band {} misfit {:.3} {:?} {:?} eig {:.2?}",
-            channel.band,
-            channel.misfit,
-            channel.status,
-            channel.components,
-            &channel.eigenvalues[..8.min(channel.eigenvalues.len())]
-        );
-        for p in 1..=channel.band {
-            println!(
-                "{p}: {:.4} {:.4} sigma {:.4}",
-                channel.lighting.coefficients[p], truth.coefficients[p], channel.sigma[p]
-            );
-        }
-        let half = super::columns::half_circle(&samples(&clean, grid, sigma, 80.0, None)).unwrap();
-        let sp = super::columns::Spectrum::fit(
-            &samples(&clean, grid, sigma, 80.0, None),
-            0,
-            &half,
-            channel.band,
-        )
-        .unwrap();
-        let cov = super::uncertainty::bound(&sp, &half, &truth, &channel.frequencies).unwrap();
-        for (i, p) in channel.frequencies.iter().enumerate().skip(1) {
-            print!(
-                "{p} bound {:.4} sigma {:.4} err {:.4}; ",
-                (cov[(2 * i - 2, 2 * i - 2)] + cov[(2 * i - 1, 2 * i - 1)]).sqrt(),
-                channel.sigma[*p],
-                (channel.lighting.coefficients[*p] - truth.coefficients[*p]).norm()
-            );
-        }
-        println!("{:#?}", found.warnings);
-    }
-}
-
-/// 72 views every 5°, all columns of a cylinder seen from afar.
-pub(super) fn views(
-    light: &Light,
-    b: &dyn Brdf,
-    count: usize,
-    locals: usize,
-    cut: f64,
-    noise: f64,
-    skip: impl Fn(f64) -> bool,
-    seed: u64,
-) -> Samples {
-    let grid = Grid {
-        normals: count,
-        locals,
-    };
-    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-    let order = match light {
-        Light::Real(_) => 0,
-        Light::Limited(s) => s.order(),
-    };
-    let mut columns = Vec::new();
-    let mut largest: f64 = 0.0;
-    for j in 0..locals {
-        let local = grid.local(j);
-        if local.deg().abs() > cut {
-            continue;
-        }
-        let row = crate::brdf::transfer_row(b, local, order);
-        let mut column = crate::light_field::Column {
-            local,
-            alpha: vec![],
-            view: vec![],
-            value: vec![vec![]],
-            variance: vec![vec![]],
-        };
-        for v in 0..count {
-            let orbit = (1.25 + 360.0 / count as f64 * v as f64).to_radians();
-            if skip(orbit) {
-                continue;
-            }
-            let alpha = crate::angle::wrap(orbit - local.rad());
-            let value = light.value(b, &row, alpha, local.rad());
-            largest = largest.max(value);
-            column.alpha.push(alpha);
-            column.view.push(v as u32);
-            column.value[0].push(value);
-        }
-        columns.push(column);
-    }
-    for c in &mut columns {
-        for v in &mut c.value[0] {
-            let e: f64 = StandardNormal.sample(&mut rng);
-            *v += noise * largest * e;
-            c.variance[0].push((noise * largest).powi(2).max(1e-12 * largest * largest));
-        }
-    }
-    Samples {
-        channels: vec!["Y".into()],
-        columns,
-    }
-}
-
-#[test]
-#[ignore = "seconds"]
-fn metal() {
+fn seventy_two_views_of_a_metal() {
     let b = brdf("model = 'ggx-conductor'\nalpha = 0.2\neta = 0.3749\nk = 2.3857");
     let light = Light::Real(two_suns());
-    for (noise, cut, locals) in [
-        (1e-5, 85.0, 180),
-        (1e-4, 85.0, 180),
-        (1e-3, 85.0, 180),
-        (1e-4, 80.0, 180),
-        (1e-4, 75.0, 180),
-        (1e-4, 85.0, 90),
-        (1e-4, 85.0, 60),
-    ] {
-        let begun = std::time::Instant::now();
-        let s = views(&light, b.as_ref(), 72, locals, cut, noise, |_| false, 5);
-        let made = begun.elapsed();
-        let found = recover(&s, &Options::default()).expect("result");
-        let c = &found.channels[0];
-        let truth = light.series(12);
+    let truth = light.series(12);
+    for (cut, locals, most) in [(85.0, 180, 0.005), (85.0, 90, 0.005), (80.0, 180, 0.01)] {
+        let s = views(&light, b.as_ref(), &all_around(72), locals, cut, 1e-4, 5);
+        let found = recover(&s, &Options::default()).expect("a factorisation");
+        let channel = &found.channels[0];
+        let off = error(&channel.lighting, &truth, 12);
         println!(
-            "noise {noise} cut {cut} locals {locals} {:?} resolved {} band {} error {:.5} start {:.4} eq29 {:.4} misfit {:.3} settled {} ",
-            begun.elapsed() - made,
-            c.resolved,
-            c.band,
-            error(&c.lighting, &truth, 12),
-            error(&c.start, &truth, 12),
-            error(&c.ratio, &truth, 12),
-            c.misfit,
-            c.converged
+            "cut {cut} locals {locals}: {off:.5}, start {:.5}, eq. 29 {:.5}",
+            error(&channel.start, &truth, 12),
+            error(&channel.ratio, &truth, 12)
         );
+        assert!(off < most, "{off}");
         for p in 1..=12 {
-            print!(
-                "{p}:{:.4}/{:.4} ",
-                (c.lighting.coefficients[p] - truth.coefficients[p]).norm(),
-                c.sigma[p]
-            );
+            let e = (channel.lighting.coefficients[p] - truth.coefficients[p]).norm();
+            assert!(e < 2.5 * channel.sigma[p], "p = {p}: {e}");
         }
-        println!();
     }
+}
+
+/// Three channels of 360 × 180 cells: the promise is 5 s on two cores in a release build.
+#[test]
+#[ignore = "a measurement"]
+fn time_of_three_channels() {
+    let grid = Grid {
+        normals: 360,
+        locals: 180,
+    };
+    let b = brdf(GGX_02);
+    let clean = Light::Real(two_suns()).field(b.as_ref(), grid);
+    let sigma = 1e-3 * clean.iter().copied().fold(0.0, f64::max);
+    let fields: Vec<Samples> = (0..3)
+        .map(|seed| samples(&clean, grid, sigma, 85.0, Some(seed)))
+        .collect();
+    let mut all = fields[0].clone();
+    for other in &fields[1..] {
+        all.channels.push("Y".into());
+        for (column, more) in all.columns.iter_mut().zip(&other.columns) {
+            column.value.push(more.value[0].clone());
+            column.variance.push(more.variance[0].clone());
+        }
+    }
+    let begun = std::time::Instant::now();
+    let found = recover(&all, &Options::default()).expect("a factorisation");
+    println!("band {}: {:?}", found.channels[0].band, begun.elapsed());
 }

@@ -5,7 +5,7 @@ use faer::{Mat, Side};
 
 use super::columns::{Covariance, Spectrum};
 use super::half_circle::HalfCircle;
-use super::pairs::{Pairs, Whitened, constraints, rows_of};
+use super::pairs::{Pairs, Whitened, rows_of};
 use super::refine::{Refined, prior_information};
 use crate::error::{Error, Result};
 use crate::fourier::Series;
@@ -36,7 +36,7 @@ fn noise_information(refined: &Refined, whitened: &Whitened) -> Mat<f64> {
     // Parameter k reads rows of Q and rows of the response: (row of Q, row of E, sign).
     let reads = |k: usize| {
         let (re, im) = (2 * (k / 2) + 1, 2 * (k / 2) + 2);
-        if k % 2 == 0 {
+        if k.is_multiple_of(2) {
             [(re, re, 1.0), (im, im, 1.0)]
         } else {
             [(re, im, -1.0), (im, re, 1.0)]
@@ -130,12 +130,11 @@ pub(super) fn covariance(
     let influence: Vec<Mat<f64>> = (0..map.nrows())
         .map(|parameter| {
             let mut entries = Mat::<f64>::zeros(m, n);
-            for (row, (a, b)) in constraints(m, n).enumerate() {
+            for (row, c) in pairs.constraints.iter().enumerate() {
                 let w = map[(parameter, row)];
-                let (ca, cb, _) = pairs.gain(a, b);
-                entries[(a, b)] += cb * w;
-                if a < n {
-                    entries[(b, a)] -= ca * w;
+                entries[(c.a, c.b)] += c.cb * w;
+                if c.a < n {
+                    entries[(c.b, c.a)] -= c.ca * w;
                 }
             }
             &pairs.q * entries * pairs.u.transpose()

@@ -6,9 +6,7 @@ use std::f64::consts::{PI, TAU};
 use faer::Mat;
 use rayon::prelude::*;
 
-use super::prior::{
-    Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv, search_by_evidence,
-};
+use super::prior::{Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv};
 use super::sources::{unit_response, weighted_product};
 use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
 use crate::angle::{WorldAngle, wrap};
@@ -27,10 +25,14 @@ const BELIEF: f64 = 6.0;
 const MODEL_ERROR: f64 = 1e-4;
 /// Weighted rms, relative to the largest sample, up to which a misfit may pass for a split source.
 const SPLIT_ERROR: f64 = 3e-4;
+/// Peaks that are tried as two sources.
+const MOST_SPLITS: usize = 2;
+/// Half the distance (radians) at which a peak is tried as two sources.
+const SPLIT: f64 = 0.035;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
 /// Gauss–Newton steps under one prior, at the most.
-const STEPS: usize = 12;
+const STEPS: usize = 8;
 /// Standard deviation of a direction (radians) beyond which the data do not guide it.
 const LOST: f64 = 0.3;
 /// Longest step of a direction, radians: within the width of a lobe the step may be trusted.
@@ -49,6 +51,8 @@ pub struct Channel<'a> {
     pub mean_light: f64,
     /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
     pub systematics: Vec<Vec<Vec<f64>>>,
+    /// Dᵀ W f of each systematic error.
+    crosses: Vec<Vec<f64>>,
     /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
     /// their weighted mean variance that of [`MODEL_ERROR`].
     pub noise_scale: f64,
@@ -65,6 +69,10 @@ impl<'a> Channel<'a> {
         systematics: Vec<Vec<Vec<f64>>>,
         mean_light: f64,
     ) -> Result<Self> {
+        let crosses = systematics
+            .iter()
+            .map(|f| system.project(samples, index, f))
+            .collect();
         let mut channel = Self {
             name,
             index,
@@ -72,6 +80,7 @@ impl<'a> Channel<'a> {
             system,
             mean_light,
             systematics,
+            crosses,
             noise_scale: 1.0,
         };
         let equations = channel.equations(samples, &[]);
@@ -118,7 +127,14 @@ impl<'a> Channel<'a> {
         let mut vector = self.system.vector.clone();
         let values = self.values(samples);
         for (s, response) in extra.iter().enumerate() {
-            let cross = self.system.project(samples, self.index, response);
+            let own;
+            let cross = match s.checked_sub(sources.len()) {
+                Some(systematic) => &self.crosses[systematic],
+                None => {
+                    own = self.system.project(samples, self.index, response);
+                    &own
+                }
+            };
             for (i, c) in cross.iter().enumerate() {
                 matrix[(i, n + s)] = *c;
                 matrix[(n + s, i)] = *c;
@@ -210,23 +226,66 @@ impl Mixture {
         let mut best = Self::with_directions(samples, channels, &[], regularisation)?;
         let mut worse = 0;
         for count in 1..=candidates.len().min(MOST_SOURCES) {
-            let trial = Self::refined(samples, channels, &candidates[..count], regularisation)?;
-            let believed = BELIEF * (count - best.directions.len()) as f64;
-            if trial.log_evidence > best.log_evidence + believed
-                && trial.is_lit()
-                && trial.separates(&best, channels)
-            {
-                best = trial;
+            // One more may be needed before two weaker sources together pay.
+            if best.improve(samples, channels, &candidates[..count], regularisation)? {
                 worse = 0;
             } else {
-                // One more may be needed before two weaker sources together pay.
                 worse += 1;
                 if worse == 2 {
                     break;
                 }
             }
         }
+        // Two sources within a lobe may show as one peak.
+        let known = if best.directions.is_empty() {
+            candidates
+        } else {
+            &best.directions
+        }
+        .to_vec();
+        for (s, theta) in known.iter().enumerate().take(MOST_SPLITS) {
+            let mut split = known.clone();
+            if best.directions.is_empty() {
+                split.truncate(s + 1);
+            }
+            split[s] = theta - SPLIT;
+            split.push(theta + SPLIT);
+            if best.explains(channels) || best.improve(samples, channels, &split, regularisation)? {
+                break;
+            }
+        }
         Ok(best)
+    }
+
+    /// Takes the fit with sources at about `directions` instead, if it is believed more.
+    fn improve(
+        &mut self,
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        directions: &[f64],
+        regularisation: Regularisation,
+    ) -> Result<bool> {
+        let trial = Self::refined(samples, channels, directions, regularisation)?;
+        let more = directions
+            .len()
+            .saturating_sub(self.directions.len())
+            .max(1);
+        let better = trial.log_evidence > self.log_evidence + BELIEF * more as f64
+            && trial.is_lit()
+            && trial.separates(self, channels);
+        if better {
+            *self = trial;
+        }
+        Ok(better)
+    }
+
+    /// Whether the residuals are within what models are good for, and mostly by sources.
+    fn explains(&self, channels: &[Channel<'_>]) -> bool {
+        !self.directions.is_empty()
+            && channels.iter().zip(&self.fits).all(|(channel, fit)| {
+                let limit = (SPLIT_ERROR * channel.system.largest).powi(2) * channel.system.weight;
+                fit.square <= limit
+            })
     }
 
     /// Directions improved by Gauss–Newton steps: first as if nearly all light came from the sources, which
@@ -403,7 +462,7 @@ impl Mixture {
     fn is_lit(&self) -> bool {
         (0..self.directions.len()).all(|s| {
             let all = self.irradiances(s);
-            all.iter().any(|(e, sigma)| *e > 3.0 * sigma)
+            all.iter().any(|(e, sigma)| *e > 5.0 * sigma)
                 && all.iter().all(|(e, sigma)| *e > -3.0 * sigma)
         })
     }
@@ -486,13 +545,7 @@ fn fit_channel(
         }
     };
     let (prior, choice) = match regularisation {
-        Regularisation::Evidence if !directions.is_empty() => {
-            search_by_evidence(&problem, mean_light)?
-        }
-        Regularisation::Evidence => {
-            let weak = problem.posterior(&SpectralPrior::flat(mean_light))?;
-            choose_by_evidence(&problem, &weak, mean_light)?
-        }
+        Regularisation::Evidence => choose_by_evidence(&problem, mean_light)?,
         Regularisation::Gcv => choose_by_gcv(&problem, system.square, system.count, mean_light)?,
         // A thousand times the largest possible coefficient is no prior at all, and keeps the
         // equations solvable where the data say nothing.

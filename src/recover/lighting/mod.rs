@@ -51,7 +51,7 @@ pub const TABLE: usize = 720;
 /// Gaussian) has passed 1e-6 of the light's amplitude at p ≈ 10/w; slower tails come from edges of
 /// the half circle, and errors of the surface's model drown them.
 fn model_order(brdf: &dyn Brdf) -> usize {
-    (14.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
+    (8.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
 }
 
 /// What the user can choose.
@@ -104,6 +104,8 @@ pub fn recover_with(
     material: &Material,
     options: &Options,
 ) -> Result<LightingEstimate> {
+    // The matrices are small, and results must not depend on the number of threads.
+    faer::set_global_parallelism(faer::Par::Seq);
     if material.brdfs.len() != samples.channels.len() {
         return Err(Error::input(format!(
             "expected a BRDF for each of the channels {}, found {}",
@@ -222,8 +224,9 @@ fn first_look(samples: &Samples, channel: usize, transfer: &[Vec<Complex64>]) ->
 }
 
 /// Directions that may hold sources, brightest first: the peaks of the light under the weakest prior
-/// with L(θ) ≥ 0, which sharpens them far beyond the band, by their irradiance over all channels in units
-/// of the mean light.
+/// with L(θ) ≥ 0, which sharpens a source far beyond the band; by their irradiance over all channels in units
+/// of the mean light. A peak wider than one and a half periods of the finest frequency that the data know is no
+/// source.
 fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f64>> {
     let lights: Vec<Vec<f64>> = channels
         .par_iter()
@@ -240,6 +243,18 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
                 .collect())
         })
         .collect::<Result<_>>()?;
+    let finest = channels
+        .iter()
+        .zip(weak)
+        .map(|(channel, weak)| {
+            let covariance = weak.covariance();
+            let known = |p: &usize| {
+                covariance[(position(*p), position(*p))].sqrt() <= DETERMINED * channel.mean_light
+            };
+            (0..=channel.system.order).rev().find(known).unwrap_or(0)
+        })
+        .max()
+        .unwrap_or(0);
     let sum: Vec<f64> = (0..TABLE)
         .map(|k| lights.iter().map(|l| l[k]).sum())
         .collect();
@@ -259,6 +274,11 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
             high += 1;
         }
         let floor = at(low).max(at(high));
+        let half = 0.5 * (at(k) + floor);
+        let width = (low..=high).filter(|&i| at(i) > half).count() as f64 * TAU / TABLE as f64;
+        if width > 1.5 * TAU / finest.max(1) as f64 {
+            continue;
+        }
         let (mut total, mut moment) = (0.0, 0.0);
         for i in low..=high {
             let above = (at(i) - floor).max(0.0);
@@ -288,15 +308,22 @@ fn finish(
     let n = 2 * order + 1;
     let synthesis = synthesis_matrix(order, TABLE);
     let mut unknowns = fit.posterior.mean.clone();
+    let mut shown = unknowns.clone();
     if options.non_negative {
-        unknowns = constrained(&fit.posterior, order, mixture.directions.len())?;
+        shown = constrained(&fit.posterior, order, mixture.directions.len())?;
+        // A series that ends at P and is nowhere negative cannot be as sharp as light can. Where the data
+        // see that, the coefficients stay theirs and only the table is kept above zero: 4 per unknown is far
+        // beyond what noise gives, 1 per active constraint at the most.
+        if fit.posterior.squared_distance(&shown) <= 4.0 * unknowns.len() as f64 {
+            unknowns.clone_from(&shown);
+        }
     }
     let smooth = to_series(&unknowns[..n]);
     let (irradiance, systematics) = unknowns[n..].split_at(mixture.directions.len());
 
     let mut table: Vec<f64> = (0..TABLE)
         .map(|k| {
-            let value: f64 = (0..n).map(|i| synthesis[(k, i)] * unknowns[i]).sum();
+            let value: f64 = (0..n).map(|i| synthesis[(k, i)] * shown[i]).sum();
             // What is left below zero lies between the angles at which the constraint was imposed.
             if options.non_negative {
                 value.max(0.0)

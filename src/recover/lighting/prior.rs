@@ -63,6 +63,20 @@ impl Posterior {
         self.factor.inverse()
     }
 
+    /// (x − mean)ᵀ Q (x − mean): how far x is from the mean, squared, in standard deviations.
+    pub fn squared_distance(&self, x: &[f64]) -> f64 {
+        let lower = self.factor.L();
+        let difference: Vec<f64> = x.iter().zip(&self.mean).map(|(x, m)| x - m).collect();
+        (0..x.len())
+            .map(|j| {
+                (j..x.len())
+                    .map(|i| lower[(i, j)] * difference[i])
+                    .sum::<f64>()
+                    .powi(2)
+            })
+            .sum()
+    }
+
     /// cᵀ Q⁻¹ c, the variance of the combination c of the unknowns.
     pub fn variance_of(&self, combination: &[f64]) -> f64 {
         let c = Mat::from_fn(combination.len(), 1, |i, _| combination[i]);
@@ -147,42 +161,8 @@ impl Problem<'_> {
     }
 }
 
-/// Chooses the prior's shape and strength by the marginal likelihood.
-///
-/// `weak` is the posterior under the weakest prior (deviation `mean_light`). The shape comes from the
-/// marginal likelihood of its coefficients taken as independent, which is exact for complete coverage;
-/// the strength from the full marginal likelihood, whose curve is returned.
+/// Chooses the prior's shape and strength by the marginal likelihood, whose curve over the strength is returned.
 pub fn choose_by_evidence(
-    problem: &Problem<'_>,
-    weak: &Posterior,
-    mean_light: f64,
-) -> Result<(SpectralPrior, RegularisationChoice)> {
-    let start = independent_choice(problem.coefficients, weak, mean_light);
-    let mut curve = Vec::new();
-    let mut best = (f64::INFINITY, start);
-    // Steps of a quarter decade around the start: the curve is flat within them.
-    for step in -4..=4 {
-        let prior = SpectralPrior {
-            deviation: start.deviation * 10f64.powf(f64::from(step) / 4.0),
-            ..start
-        };
-        let cost = -problem.posterior(&prior)?.log_evidence;
-        curve.push(((mean_light / prior.deviation).powi(2), cost));
-        if cost < best.0 {
-            best = (cost, prior);
-        }
-    }
-    let choice = RegularisationChoice {
-        criterion: "evidence".into(),
-        strength: (mean_light / best.1.deviation).powi(2),
-        curve,
-    };
-    Ok((best.1, choice))
-}
-
-/// Chooses shape and strength by the full marginal likelihood alone: where sources could stand for the
-/// smooth light, its coefficients are far from independent.
-pub fn search_by_evidence(
     problem: &Problem<'_>,
     mean_light: f64,
 ) -> Result<(SpectralPrior, RegularisationChoice)> {
@@ -199,16 +179,20 @@ pub fn search_by_evidence(
             SpectralPrior::flat(mean_light * 10f64.powi(-step)),
             &mut best,
         )?;
+        // Once the likelihood falls with the strength it does not rise again.
+        if f64::from(step) > (mean_light / best.1.deviation).log10() + 1.5 {
+            break;
+        }
     }
     let flat = best.1;
-    for corner in [2.0, 4.0, 8.0, 13.0, 20.0] {
-        for louder in [1.0, 10f64.sqrt()] {
-            let deviation = (flat.deviation * louder).min(mean_light);
+    for steepness in [3, 10] {
+        for corner in [3.0, 6.0, 9.0, 13.0, 19.0, 28.0] {
+            let deviation = (flat.deviation * 10f64.sqrt()).min(mean_light);
             look(
                 SpectralPrior {
                     deviation,
                     corner,
-                    steepness: 3,
+                    steepness,
                 },
                 &mut best,
             )?;
@@ -229,79 +213,6 @@ pub fn search_by_evidence(
             curve,
         },
     ))
-}
-
-/// The prior that makes the coefficients' unregularised estimates likeliest, taken as independent.
-fn independent_choice(coefficients: usize, weak: &Posterior, mean_light: f64) -> SpectralPrior {
-    let prior_precision = mean_light.powi(-2);
-    let covariance = weak.covariance();
-    // (frequency, unregularised estimate², its variance) of what the data say anything about.
-    let known: Vec<(usize, f64, f64)> = (1..coefficients)
-        .filter_map(|i| {
-            let precision = 1.0 / covariance[(i, i)];
-            let from_data = precision - prior_precision;
-            (from_data > 0.1 * prior_precision).then(|| {
-                let estimate = weak.mean[i] * precision / from_data;
-                (i, estimate * estimate, 1.0 / from_data)
-            })
-        })
-        .collect();
-    let mut best = (f64::INFINITY, SpectralPrior::flat(mean_light));
-    for corner in [
-        f64::INFINITY,
-        1.5,
-        2.0,
-        3.0,
-        4.0,
-        6.0,
-        8.0,
-        10.0,
-        12.0,
-        14.0,
-        16.0,
-        20.0,
-        24.0,
-        32.0,
-        48.0,
-    ] {
-        for steepness in [1, 3, 10] {
-            // Precisions for τ = 1; an infinite corner is flat whatever the steepness.
-            if corner.is_infinite() && steepness > 1 {
-                continue;
-            }
-            let unit = SpectralPrior {
-                deviation: 1.0,
-                corner,
-                steepness,
-            };
-            let spread: Vec<f64> = known
-                .iter()
-                .map(|&(i, ..)| unit.precision(i).recip())
-                .collect();
-            for step in 0..=24 {
-                let deviation = mean_light * 10f64.powf(-f64::from(step) / 4.0);
-                let cost: f64 = known
-                    .iter()
-                    .zip(&spread)
-                    .map(|(&(_, square, variance), spread)| {
-                        let total = variance + deviation * deviation * spread;
-                        total.ln() + square / total
-                    })
-                    .sum();
-                if cost < best.0 {
-                    best = (
-                        cost,
-                        SpectralPrior {
-                            deviation,
-                            corner,
-                            steepness,
-                        },
-                    );
-                }
-            }
-        }
-    }
-    best.1
 }
 
 /// Chooses the strength of a flat prior by generalised cross-validation, N·residual²/(N − trace)².

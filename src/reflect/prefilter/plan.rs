@@ -9,6 +9,7 @@ use std::f64::consts::{PI, TAU};
 use rayon::prelude::*;
 
 use super::super::product::sufficient_order;
+use super::Options;
 use super::offers::{EVALUATE, MOST_POINTS, Offer, Probe, Task, offers, probe, worse};
 use super::peaks::{Parted, Stretch, part};
 use crate::angle::LocalAngle;
@@ -101,13 +102,61 @@ impl Choice {
     }
 }
 
-/// A way of taking the light apart that was weighed.
+/// Which ways of computing a column may be chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ways {
+    /// For every column the cheaper one.
+    #[default]
+    Cheapest,
+    /// Coefficients only.
+    Product,
+    /// The lobe by an integral, the rest by coefficients.
+    Split,
+}
+
+impl Ways {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Cheapest, Self::Product, Self::Split];
+
+    fn allows(self, path: Path) -> bool {
+        match self {
+            Self::Cheapest => true,
+            Self::Product => matches!(path, Path::Product { .. }),
+            Self::Split => matches!(path, Path::Split { .. }),
+        }
+    }
+}
+
+/// A way of taking light and BRDF apart that was weighed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Considered {
     /// Peaks evaluated directly.
     pub peaks: usize,
-    /// Predicted time on one core, seconds, all channels; `None` if the error cannot be kept this way.
-    pub cost: Option<f64>,
+    /// How the rest is computed.
+    pub ways: Ways,
+    /// What it takes; `None` if the error cannot be kept this way.
+    pub prediction: Option<Prediction>,
+}
+
+/// Predicted effort and error of all channels together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prediction {
+    /// Time on one core, seconds.
+    pub cost: f64,
+    /// Coefficients of all columns (p ≥ 0).
+    pub coefficients: usize,
+    /// Largest error as a fraction of its channel's level.
+    pub bound: f64,
+}
+
+impl Prediction {
+    fn of(choices: &[Choice]) -> Self {
+        Self {
+            cost: choices.iter().map(|c| c.cost).sum(),
+            coefficients: choices.iter().map(Choice::coefficients).sum(),
+            bound: choices.iter().fold(0.0, |m, c| m.max(c.bound)),
+        }
+    }
 }
 
 /// A plan for all channels.
@@ -122,7 +171,18 @@ pub struct Plan {
 
 /// Levels, in means of the table, above which the light is taken as a peak; `None` takes nothing.
 const PEAK_LEVELS: [Option<f64>; 4] = [None, Some(100.0), Some(20.0), Some(4.0)];
-pub fn plan(lighting: &Lighting, material: &Material, grid: Grid, tolerance: f64) -> Result<Plan> {
+
+/// The cheapest plan of those that `options` allow.
+///
+/// # Errors
+/// If none keeps the tolerance.
+pub fn plan(
+    lighting: &Lighting,
+    material: &Material,
+    grid: Grid,
+    options: &Options,
+) -> Result<Plan> {
+    let tolerance = options.tolerance;
     let lobe = material
         .brdfs
         .iter()
@@ -178,15 +238,28 @@ pub fn plan(lighting: &Lighting, material: &Material, grid: Grid, tolerance: f64
         if considered.last().is_some_and(|c| c.peaks == peaks) {
             continue;
         }
-        let plan = setting.arrange(parted);
-        let cost = plan
-            .as_ref()
-            .map(|p| p.choices.iter().map(|c| c.cost).sum::<f64>());
-        considered.push(Considered { peaks, cost });
-        if let (Some(plan), Some(cost)) = (plan, cost)
-            && best.as_ref().is_none_or(|(least, _)| cost < *least)
-        {
-            best = Some((cost, plan));
+        let arranged = setting.arrange(parted);
+        for ways in Ways::ALL {
+            let choices = setting.choices(&arranged, ways);
+            let prediction = choices.as_deref().map(Prediction::of);
+            considered.push(Considered {
+                peaks,
+                ways,
+                prediction,
+            });
+            let (Some(choices), Some(Prediction { cost, .. })) = (choices, prediction) else {
+                continue;
+            };
+            if ways == options.ways && best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                let plan = Plan {
+                    rest: arranged.parted.rest.clone(),
+                    stretches: arranged.parted.stretches.clone(),
+                    spectra: arranged.spectra.clone(),
+                    choices,
+                    considered: Vec::new(),
+                };
+                best = Some((cost, plan));
+            }
         }
     }
     let best = best.map(|(_, plan)| Plan { considered, ..plan });
@@ -210,45 +283,68 @@ struct Setting<'a> {
     tolerance: f64,
 }
 
+/// A lighting taken apart in one way, and what each column's ways would take.
+struct Arranged {
+    parted: Parted,
+    /// Per channel.
+    spectra: Vec<Series>,
+    /// \[channel\]\[probe\]\[way\], in a fixed order of the ways.
+    offers: Vec<Vec<Vec<Option<Offer>>>>,
+    /// Evaluations of the BRDF per cell for sources and peaks.
+    nodes: usize,
+}
+
 impl Setting<'_> {
-    /// The cheapest plan for a lighting taken apart in one way; `None` if the error cannot be kept.
-    fn arrange(&self, parted: Parted) -> Option<Plan> {
+    fn arrange(&self, parted: Parted) -> Arranged {
         let stretched: usize = parted.stretches.iter().map(Stretch::nodes).sum();
-        let nodes = self.lighting.sources.len() + stretched;
-        let direct = (nodes * self.grid.normals / 2) as f64 * EVALUATE;
         let mut spectra = Vec::new();
-        let mut choices = Vec::new();
+        let mut all = Vec::new();
         for (c, brdf) in self.material.brdfs.iter().enumerate() {
             let light = parted.rest.density_series(c, self.highest);
-            let level = self.levels[c];
             let task = Task {
                 rest: &parted.rest,
                 channel: c,
                 light: &light,
                 brdf: brdf.as_ref(),
-                allowed: self.tolerance * level,
+                allowed: self.tolerance * self.levels[c],
             };
-            let columns = columns(self.grid, self.places, &self.probes[c], &task)?;
-            let bound = columns.iter().fold(0.0f64, |m, o| m.max(o.0.bound));
-            choices.push(Choice {
-                channel: self.material.channels[c].clone(),
-                level,
-                peaks: parted.peaks,
-                nodes,
-                peak_share: parted.share,
-                bound: if level > 0.0 { bound / level } else { 0.0 },
-                cost: columns.iter().map(|o| o.1 + direct).sum::<f64>() * 1e-9,
-                columns: columns.into_iter().map(|o| o.0).collect(),
-            });
+            let probes = self.probes[c].iter();
+            all.push(
+                probes
+                    .map(|p| offers(p, &task, self.grid.normals))
+                    .collect(),
+            );
             spectra.push(light);
         }
-        Some(Plan {
-            rest: parted.rest,
-            stretches: parted.stretches,
+        Arranged {
+            nodes: self.lighting.sources.len() + stretched,
+            parted,
             spectra,
-            choices,
-            considered: Vec::new(),
-        })
+            offers: all,
+        }
+    }
+
+    /// The cheapest columns of all channels; `None` if the error cannot be kept.
+    fn choices(&self, arranged: &Arranged, ways: Ways) -> Option<Vec<Choice>> {
+        let direct = (arranged.nodes * self.grid.normals / 2) as f64 * EVALUATE;
+        let channels = self.material.channels.iter().zip(&arranged.offers);
+        channels
+            .zip(self.levels)
+            .map(|((channel, offers), &level)| {
+                let columns = columns(self.grid, self.places, offers, ways)?;
+                let bound = columns.iter().fold(0.0f64, |m, o| m.max(o.0.bound));
+                Some(Choice {
+                    channel: channel.clone(),
+                    level,
+                    peaks: arranged.parted.peaks,
+                    nodes: arranged.nodes,
+                    peak_share: arranged.parted.share,
+                    bound: if level > 0.0 { bound / level } else { 0.0 },
+                    cost: columns.iter().map(|o| o.1 + direct).sum::<f64>() * 1e-9,
+                    columns: columns.into_iter().map(|o| o.0).collect(),
+                })
+            })
+            .collect()
     }
 }
 
@@ -266,17 +362,14 @@ fn probe_places(grid: Grid) -> Vec<usize> {
     places
 }
 
-/// The cheapest way for every column with its cost (ns); `None` if there is one without any.
+/// The cheapest way for every column with its cost (ns), from what the probes at `places` offer; `None` if
+/// there is one without any.
 fn columns(
     grid: Grid,
     places: &[usize],
-    probes: &[Probe],
-    task: &Task,
+    offers: &[Vec<Option<Offer>>],
+    ways: Ways,
 ) -> Option<Vec<(ColumnPlan, f64)>> {
-    let offers: Vec<Vec<Option<Offer>>> = probes
-        .iter()
-        .map(|probe| offers(probe, task, grid.normals))
-        .collect();
     (0..grid.locals)
         .map(|j| {
             let right = places.partition_point(|&p| p < j).min(places.len() - 1);
@@ -284,6 +377,7 @@ fn columns(
             let combined = offers[left].iter().zip(&offers[right]);
             let best = combined
                 .filter_map(|(a, b)| Some(worse((*a)?, (*b)?)))
+                .filter(|offer| ways.allows(offer.path))
                 .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
             let plan = ColumnPlan {
                 local: grid.local(j),

@@ -5,7 +5,11 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use rayon::prelude::*;
 
 use super::{Prefiltered, direct_value};
-use crate::angle::{LocalAngle, NormalAngle, wrap};
+use crate::angle::{LocalAngle, NormalAngle, WorldAngle, wrap};
+use crate::geometry::ViewGeometry;
+
+/// Half the height of the band of a sphere that is drawn, radians (5°).
+const BAND: f64 = 0.0873;
 
 impl Prefiltered {
     /// B at one place of the object, W m⁻² sr⁻¹: the smooth part by cubic interpolation of the table,
@@ -55,6 +59,36 @@ impl Prefiltered {
             normal,
             local,
         )
+    }
+
+    /// The object as a camera sees it, one value per pixel and channel, \[channel\]\[row-major pixel\],
+    /// W m⁻² sr⁻¹; 0 beside the object. `orbit` is the direction to the camera in the light's frame.
+    ///
+    /// A pixel shows the light field at the (α, θo′) of its centre. That is exact on the cross-section; a
+    /// cylinder's rows differ from it by the square of their elevation, and of a sphere only the band of
+    /// ±5° about its measurement plane is drawn.
+    pub fn view(
+        &self,
+        geometry: &ViewGeometry,
+        orbit: WorldAngle,
+        size: [usize; 2],
+    ) -> Vec<Vec<f64>> {
+        let [width, height] = size;
+        let pixels: Vec<Option<(NormalAngle, LocalAngle)>> = (0..width * height)
+            .into_par_iter()
+            .map(|k| {
+                let (x, y) = ((k % width) as f64 + 0.5, (k / width) as f64 + 0.5);
+                let seen = geometry.at([x, y])?;
+                if geometry.is_sphere() && seen.elevation.abs() > BAND {
+                    return None;
+                }
+                Some((
+                    NormalAngle::radians(orbit.rad() + seen.alpha),
+                    LocalAngle::radians(seen.local),
+                ))
+            })
+            .collect();
+        self.strip(&pixels)
     }
 
     /// One value per pixel and channel, \[channel\]\[pixel\], for pixels that see the object at (α, θo′)

@@ -3,7 +3,10 @@
 //! A figure is one or more panels (one per channel, switched by buttons that need no script), a
 //! caption, and the table of its data.
 
+mod brdf;
+mod brdf_cuts;
 mod coverage;
+mod factorisation;
 mod light_field;
 pub mod lighting_curve;
 mod lighting_polar;
@@ -14,7 +17,10 @@ mod residual;
 mod setup;
 mod spectrum;
 
+pub use brdf::{brdf_image, brdf_sigma, brdf_status};
+pub use brdf_cuts::brdf_cuts;
 pub use coverage::coverage;
+pub use factorisation::{eigenvalues, ways_compared};
 pub use light_field::{light_field, sigma};
 pub use lighting_curve::lighting_curve;
 pub use lighting_polar::lighting_polar;

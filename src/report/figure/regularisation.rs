@@ -2,36 +2,72 @@
 
 use super::{Figure, Panel};
 use crate::pipeline::Run;
+use crate::recover::brdf::CurvePoint;
 use crate::recover::lighting::RegularisationChoice;
 use crate::report::number::trimmed;
 use crate::report::plot::{Axis, Plot, Scale, Size, bounds, series_class};
+use crate::report::settings::text_at;
 use crate::report::table::{Cell, Table};
+
+/// How the strength was chosen in every channel that has a choice.
+fn choices(run: &Run) -> Vec<(String, RegularisationChoice)> {
+    if let Some(brdf) = &run.brdf {
+        let word = text_at(&run.recipe_toml, &["recovery", "regularisation"]);
+        return brdf
+            .channels
+            .iter()
+            .zip(&brdf.slices)
+            .map(|(name, slice)| (name.clone(), of_slice(&slice.curve, word.as_deref())))
+            .collect();
+    }
+    run.lighting
+        .iter()
+        .flat_map(|l| &l.channels)
+        .map(|c| (c.name.clone(), c.regularisation.clone()))
+        .collect()
+}
+
+/// The curve of a slice: its strengths are factors on those of the largest evidence.
+fn of_slice(curve: &[CurvePoint], word: Option<&str>) -> RegularisationChoice {
+    if word == Some("gcv") {
+        let best = curve.iter().min_by(|a, b| a.gcv.total_cmp(&b.gcv));
+        return RegularisationChoice {
+            criterion: "gcv".to_owned(),
+            strength: best.map_or(1.0, |p| p.factor),
+            curve: curve.iter().map(|p| (p.factor, p.gcv)).collect(),
+        };
+    }
+    RegularisationChoice {
+        criterion: "evidence".to_owned(),
+        strength: 1.0,
+        curve: curve.iter().map(|p| (p.factor, -p.evidence)).collect(),
+    }
+}
 
 /// The criterion against the strength, a panel per channel; `None` if nothing was tried.
 pub fn regularisation(run: &Run) -> Option<Figure> {
-    let lighting = run.lighting.as_ref()?;
+    let choices = choices(run);
     let mut panels = Vec::new();
     let mut rows = Vec::new();
     let mut chosen = Vec::new();
-    for (c, channel) in lighting.channels.iter().enumerate() {
-        let choice = &channel.regularisation;
+    for (c, (name, choice)) in choices.iter().enumerate() {
         if choice.curve.len() < 2 {
             continue;
         }
-        chosen.push(format!("{} {}", channel.name, trimmed(choice.strength, 3)));
+        chosen.push(format!("{name} {}", trimmed(choice.strength, 3)));
         panels.push(Panel {
-            name: channel.name.clone(),
-            markup: draw(choice, &channel.name, series_class(&channel.name, c)),
+            name: name.clone(),
+            markup: draw(choice, name, series_class(name, c)),
         });
         rows.extend(choice.curve.iter().map(|(strength, value)| {
             vec![
-                Cell::Text(channel.name.clone()),
+                Cell::Text(name.clone()),
                 Cell::Number(*strength),
                 Cell::Number(*value),
             ]
         }));
     }
-    let criterion = &lighting.channels.first()?.regularisation.criterion;
+    let criterion = &choices.first()?.1.criterion;
     let meaning = match criterion.as_str() {
         "gcv" => "generalised cross-validation: the error expected on a sample that was left out",
         "evidence" => "the marginal likelihood of the data (its negative logarithm)",

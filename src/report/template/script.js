@@ -129,6 +129,10 @@
       show(event, `p ${Math.round(x)}, q ${Math.round(y)}\n|Bpq| ${value}`);
       return;
     }
+    if (d.image.startsWith("image-brdf")) {
+      show(event, `θi′ ${angle(x)}°, θo′ ${angle(y)}°\n${value}`);
+      return;
+    }
     let text = `α ${angle(x)}°, θo′ ${angle(y)}°\n${value}`;
     const view = value === "not seen" || value === "…" ? null : nearestView(x + y);
     if (view !== null) text += `\nnearest view ${view}`;

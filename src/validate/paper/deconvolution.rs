@@ -117,24 +117,28 @@ fn from_noisy_samples(paper: &mut Paper) -> Result<()> {
         3.0 * stated,
         "3 √(Σσ²): exceeded by chance at most once in 8000 draws (e⁻⁹, if one coefficient carries all of it)",
     );
-    let curve = |name: &str, series: &Series| Curve {
-        name: name.into(),
-        points: (1..=truth.order() as i64)
-            .map(|p| {
-                let error = (series.get(p) - truth.get(p) / truth.get(0)).norm();
-                (p as f64, error)
-            })
-            .collect(),
+    let curve = |name: &str, series: &Series| {
+        let error = |p: i64| (series.get(p) - truth.get(p) / truth.get(0)).norm();
+        Curve::line(
+            name,
+            (1..=truth.order() as i64).map(|p| (p as f64, error(p))),
+        )
     };
     paper.plots.push(Plot {
         id: "factorisation",
-        title: "Error of the light from the light field alone, 0.1 % noise".into(),
+        equation: "29",
+        title: "Light from the light field alone, with noise",
+        caption: format!(
+            "Error of L_[p]/L_[0] from {} × {} samples with 0.1 % noise: by the ratios of eq. 29 with q = 0, by all coefficients at once, \
+             and after refinement.",
+            grid.normals, grid.locals
+        ),
         x: "frequency p",
-        y: "|error of L_p|/L_0",
+        y: "|error of L_[p]|/L_[0]",
         logarithmic: [false, true],
         curves: vec![
             curve("eq. 29, q = 0", &channel.ratio),
-            curve("all p and q at once", &channel.start),
+            curve("all p and q", &channel.start),
             curve("refined", &channel.lighting),
         ],
     });
@@ -159,6 +163,22 @@ fn second_row(paper: &mut Paper) {
         1e-8,
         "1e-12 of B̃_{1,1} over the smallest B̃_{1,p}",
     );
+    let found = |p: i64| field.get(p, -1) / field.get(1, -p);
+    let planted = |p: i64| light.get(p) / light.get(1);
+    paper.plots.push(Plot {
+        id: "other-row",
+        equation: "29",
+        title: "Where q = 0 says nothing",
+        caption: "Light without its mean: all B̃_[0,p] vanish, and with them the ratios for q = 0. Those for q = −1 give the light all the same."
+            .into(),
+        x: "frequency p",
+        y: "|L_[p]/L_[1]|",
+        logarithmic: [false, false],
+        curves: vec![
+            Curve::line("planted", (1..=ORDER).map(|p| (p as f64, planted(p).norm()))),
+            Curve::discs("found with q = −1", (1..=ORDER).map(|p| (p as f64, found(p).norm()))),
+        ],
+    });
 }
 
 /// B̃_{p,q} by the product form.

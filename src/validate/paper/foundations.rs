@@ -8,7 +8,7 @@ use super::{Curve, Double, Paper, Plot, exitant_nodes, mixed, parts, test_light}
 use crate::angle::{LocalAngle, NormalAngle, WorldAngle};
 use crate::brdf::{Brdf, transfer_row};
 use crate::error::Result;
-use crate::fourier::CircleTransform;
+use crate::fourier::{CircleTransform, Series};
 use crate::lighting::Lighting;
 use crate::reflect::{integral, product};
 
@@ -124,25 +124,47 @@ pub fn check(paper: &mut Paper) -> Result<()> {
     let local = LocalAngle::degrees(40.0);
     let column = product::column_series(&series, &brdf, local);
     let circle: Vec<f64> = (-90..=90).map(|k| 2.0 * f64::from(k)).collect();
-    let curve = |name: &str, f: &dyn Fn(NormalAngle) -> f64| Curve {
-        name: name.into(),
-        points: circle
-            .iter()
-            .map(|&a| (a, f(NormalAngle::degrees(a))))
-            .collect(),
+    let values = |f: &dyn Fn(NormalAngle) -> f64| -> Vec<(f64, f64)> {
+        let at = circle.iter().map(|&a| (a, f(NormalAngle::degrees(a))));
+        at.collect()
     };
+    let by_product = values(&|a| column.evaluate(a.rad()));
+    let by_integral = values(&|a| integral((a, local)));
+    let largest = by_integral.iter().fold(0.0f64, |m, p| m.max(p.1.abs()));
+    let difference = by_product.iter().zip(&by_integral);
+    // What is equal to the last bit is drawn at the bit.
+    let difference: Vec<(f64, f64)> = difference
+        .map(|(p, i)| (p.0, ((p.1 - i.1).abs() / largest).max(f64::EPSILON)))
+        .collect();
     paper.plots.push(Plot {
         id: "product-integral",
-        title: "B(α, 40°) by the product form and by the angular integral".into(),
-        x: "α, degrees",
-        y: "B, W m⁻² sr⁻¹",
+        equation: "4",
+        title: "Product form and angular integral",
+        caption: "B(α, 40°) of a surface of 0.3 Lambert and 0.7 Phong 32 under light of order 6, by both.".into(),
+        x: "α / degrees",
+        y: "B / W m⁻² sr⁻¹",
         logarithmic: [false, false],
         curves: vec![
-            curve("product form", &|a| column.evaluate(a.rad())),
-            curve("angular integral", &|a| integral((a, local))),
+            Curve::line("angular integral", by_integral),
+            Curve::discs("product form", by_product.iter().copied().step_by(6)),
+        ],
+    });
+    paper.plots.push(Plot {
+        id: "product-integral-difference",
+        equation: "4",
+        title: "Their difference",
+        caption: "Relative to the largest value. The promise is 10⁻¹⁰ for band-limited light."
+            .into(),
+        x: "α / degrees",
+        y: "|difference| / largest B",
+        logarithmic: [false, true],
+        curves: vec![
+            Curve::line("difference", difference),
+            Curve::line("promised", [(-180.0, 1e-10), (180.0, 1e-10)]),
         ],
     });
     shifts(paper, &light);
+    expansions(paper, &brdf, &series, &light);
     product_form(paper, &brdf, &light);
     Ok(())
 }
@@ -194,6 +216,69 @@ fn shifts(paper: &mut Paper, light: &Lighting) {
         pairs.collect::<Vec<_>>(),
         1e-14,
         "rounding",
+    );
+}
+
+/// The rest of equations 7–10: the two expansions and the double sum that orthogonality makes a single
+/// one.
+fn expansions(paper: &mut Paper, brdf: &dyn Brdf, light: &Series, lighting: &Lighting) {
+    let angles = || (0..24).map(|k| -3.0 + 0.26 * f64::from(k));
+    paper.compare(
+        "7–10",
+        "the light is its series: L(θi) = Σ_p L_p e^{ipθi}",
+        angles().map(|theta| {
+            let sum: Complex64 = (-ORDER..=ORDER)
+                .map(|p| light.get(p) * Complex64::cis(p as f64 * theta))
+                .sum();
+            (lighting.density(0, WorldAngle::radians(theta)), sum.re)
+        }),
+        1e-14,
+        "rounding of 13 terms",
+    );
+    const MOST: usize = 400;
+    let local = LocalAngle::radians(0.3);
+    let row = transfer_row(brdf, local, MOST);
+    let edges: f64 = [-FRAC_PI_2, FRAC_PI_2]
+        .map(|a| brdf.value(LocalAngle::radians(a * (1.0 - 1e-9)), local))
+        .iter()
+        .sum();
+    paper.compare(
+        "7–10",
+        "and so is the transfer function: ρ̂(θi′, θo′) = Σ_p ρ̂_p(θo′) e^{ipθi′}, here |p| ≤ 400",
+        (0..23).map(|k| {
+            let a = -1.5 + 0.13 * f64::from(k);
+            let sum: f64 = row
+                .iter()
+                .enumerate()
+                // ρ̂_p = conj H_p / 2π, and the terms of ±p are conjugate.
+                .map(|(p, h)| {
+                    let term = (h.conj() * Complex64::cis(p as f64 * a)).re / TAU;
+                    if p == 0 { term } else { 2.0 * term }
+                })
+                .sum();
+            let incident = LocalAngle::radians(a);
+            (brdf.value(incident, local) * a.cos(), sum)
+        }),
+        edges / (PI * MOST as f64),
+        "the kinks at ±90°, of slopes s, leave coefficients s/(2πp²): Σ over |p| > 400 is at most s/(400π)",
+    );
+    paper.compare(
+        "7–10",
+        "put together and integrated, only q = −p is left: B = 2π Σ_p L_p ρ̂_{−p}(θo′) e^{ipα}",
+        angles().map(|alpha| {
+            let sum: Complex64 = (-ORDER..=ORDER)
+                .map(|p| {
+                    // 2π ρ̂_{−p} = H_p.
+                    let h = row[p.unsigned_abs() as usize];
+                    let h = if p < 0 { h.conj() } else { h };
+                    light.get(p) * h * Complex64::cis(p as f64 * alpha)
+                })
+                .sum();
+            let normal = NormalAngle::radians(alpha);
+            (integral::value(lighting, 0, brdf, normal, local), sum.re)
+        }),
+        1e-10 * light.get(0).norm() * row[0].norm(),
+        "1e-10 of the mean",
     );
 }
 
@@ -264,6 +349,25 @@ fn product_form(paper: &mut Paper, brdf: &dyn Brdf, light: &Lighting) {
         [(1.0, held / whole)],
         1e-4,
         "the sum ends at |q| = 40; beyond, coefficients that fall with 1/q² hold about 1/40³ of the energy",
+    );
+    let scaled: Vec<Vec<Complex64>> = nodes
+        .iter()
+        .map(|(local, _)| {
+            let h = transfer_row(brdf, *local, 1)[1] * local.rad().cos() / TAU;
+            vec![h.conj()]
+        })
+        .collect();
+    let whole: f64 = nodes
+        .iter()
+        .zip(&scaled)
+        .map(|((_, weight), row)| weight * row[0].norm_sqr() / TAU)
+        .sum();
+    paper.compare(
+        "12–13",
+        "and likewise the BRDF: Σ_q |ρ̃_{1,q}|² = (1/2π) ∫ |ρ̃_1(θo′)|² dθo′",
+        [(1.0, Double::energy(&nodes, &scaled, 0) / whole)],
+        1e-4,
+        "as above",
     );
     paper.compare(
         "15",

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use num_complex::Complex64;
 
-use super::{Double, Paper, exitant_nodes, mixed, parts, test_light};
+use super::{Curve, Double, Paper, Plot, exitant_nodes, mixed, parts, test_light};
 use crate::angle::{LocalAngle, NormalAngle, WorldAngle};
 use crate::brdf::Brdf;
 use crate::error::Result;
@@ -81,17 +81,49 @@ pub fn check(paper: &mut Paper) -> Result<()> {
         "rounding of the angle, times the exponent 32",
     );
 
+    let exitant = LocalAngle::degrees(40.0);
+    let degrees = || (-60..=60).map(|k| 3.0 * f64::from(k));
+    let seen = degrees().map(|a| {
+        let normal = NormalAngle::degrees(a);
+        (a, integral::value(&sun, 0, &brdf, normal, exitant))
+    });
+    let slice = degrees().map(|a| {
+        let incident = WorldAngle::radians(0.0) - NormalAngle::degrees(a);
+        (a, brdf.value(incident, exitant) * incident.visible_cosine())
+    });
+    let (seen, slice): (Vec<_>, Vec<_>) = (seen.collect(), slice.collect());
+
     let uniform = Lighting::uniform(vec!["Y".into()], &[1.0 / TAU]);
     paper.compare(
         "28",
-        "uniform light L = 1/2π has L_0 = 1/2π (the text says 1; eq. 28 uses 1/2π) and nothing else",
+        "uniform light L = 1/2π has L_0 = 1/2π and nothing else",
         parts((0..=5).map(|p| {
             let closed = if p == 0 { 1.0 / TAU } else { 0.0 };
             (Complex64::new(closed, 0.0), uniform.series(0, 5).get(p))
         })),
         1e-16,
-        "a misprint in the text",
+        "misprint in the text, which says L_0 = 1; with eq. 6 it is 1/2π, and eq. 28 uses that",
     );
+    let flat = degrees().map(|a| {
+        let normal = NormalAngle::degrees(a);
+        (a, integral::value(&uniform, 0, &brdf, normal, exitant))
+    });
+    paper.plots.push(Plot {
+        id: "directional",
+        equation: "27",
+        title: "Directional and uniform light",
+        caption:
+            "B(α, 40°): a source shows the whole BRDF turned round, uniform light only its mean."
+                .into(),
+        x: "α / degrees",
+        y: "B / W m⁻² sr⁻¹",
+        logarithmic: [false, false],
+        curves: vec![
+            Curve::line("ρ̂(−α, 40°)", slice),
+            Curve::discs("B under a source", seen.into_iter().step_by(2)),
+            Curve::line("B under uniform light", flat),
+        ],
+    });
     let field = measured(&uniform, &brdf, 16);
     let rows = (-ORDER..=ORDER).map(|q| (transfer.get(0, q), field.get(0, q)));
     let others = field

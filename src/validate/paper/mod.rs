@@ -8,8 +8,11 @@
 mod deconvolution;
 mod foundations;
 mod lights;
+mod lobes;
 mod order;
+mod statements;
 mod surfaces;
+mod terms;
 
 use num_complex::Complex64;
 
@@ -18,10 +21,12 @@ use crate::brdf::{Brdf, IncidentRule, Lambertian, Phong, transfer_row};
 use crate::error::Result;
 use crate::fourier::Series;
 
+pub use statements::{SECTIONS, STATEMENTS, Statement};
+
 /// One claim of the paper and what became of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Check {
-    /// Number of the equation or figure, or the section of a claim without number.
+    /// The equation or figure, by its name in [`STATEMENTS`].
     pub equation: &'static str,
     /// What the paper says, in words and symbols.
     pub claim: String,
@@ -46,6 +51,25 @@ pub struct Curve {
     pub name: String,
     /// (x, y).
     pub points: Vec<(f64, f64)>,
+    /// Whether the points stand for themselves (numbers that were found) instead of for a line.
+    pub discs: bool,
+}
+
+impl Curve {
+    fn line(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        Self {
+            name: name.into(),
+            points: points.into_iter().collect(),
+            discs: false,
+        }
+    }
+
+    fn discs(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        Self {
+            discs: true,
+            ..Self::line(name, points)
+        }
+    }
 }
 
 /// Data of one plot.
@@ -53,8 +77,12 @@ pub struct Curve {
 pub struct Plot {
     /// A name for files and links.
     pub id: &'static str,
+    /// The equation that it belongs to, one of those of [`STATEMENTS`].
+    pub equation: &'static str,
     /// What is shown.
-    pub title: String,
+    pub title: &'static str,
+    /// What to see in it.
+    pub caption: String,
     /// Quantity and unit of x.
     pub x: &'static str,
     /// Quantity and unit of y.
@@ -122,18 +150,16 @@ pub fn recompute() -> Result<Paper> {
     let mut paper = Paper::default();
     foundations::check(&mut paper)?;
     surfaces::check(&mut paper)?;
+    terms::check(&mut paper);
+    lobes::check(&mut paper);
     lights::check(&mut paper)?;
     deconvolution::check(&mut paper)?;
     order::check(&mut paper)?;
     // Stable: claims on one equation stay in the order in which they were made.
-    paper.checks.sort_by_key(|c| leading_number(c.equation));
+    let place = |name: &str| STATEMENTS.iter().position(|s| s.equation == name);
+    paper.checks.sort_by_key(|c| place(c.equation));
+    paper.plots.sort_by_key(|p| place(p.equation));
     Ok(paper)
-}
-
-/// The first number of an equation's name; names without one go last.
-fn leading_number(name: &str) -> u32 {
-    let digits: String = name.chars().take_while(char::is_ascii_digit).collect();
-    digits.parse().unwrap_or(u32::MAX)
 }
 
 /// Real and imaginary parts side by side.
@@ -276,27 +302,17 @@ mod tests {
         }
         let failed: Vec<&Check> = paper.checks.iter().filter(|c| !c.passed).collect();
         assert!(failed.is_empty(), "{failed:#?}");
-        for equation in 1..=33 {
-            let covered = paper.checks.iter().any(|c| {
-                let ends: Vec<u32> = c
-                    .equation
-                    .split('–')
-                    .filter_map(|n| n.parse().ok())
-                    .collect();
-                match ends.as_slice() {
-                    [one] => *one == equation,
-                    [first, last] => (*first..=*last).contains(&equation),
-                    _ => false,
-                }
-            });
-            assert!(covered, "equation {equation}");
+        // Every statement has a check, every check and plot a statement.
+        for statement in &STATEMENTS {
+            let mut checks = paper.checks.iter();
+            let checked = checks.any(|c| c.equation == statement.equation);
+            assert!(checked, "{}", statement.equation);
         }
-        assert!(
-            paper
-                .plots
-                .iter()
-                .any(|p| p.id == "figure-3" && p.curves.len() == 3)
-        );
+        let stated = |name: &str| STATEMENTS.iter().any(|s| s.equation == name);
+        assert!(paper.checks.iter().all(|c| stated(c.equation)));
+        assert!(paper.plots.iter().all(|p| stated(p.equation)));
+        let figure = paper.plots.iter().find(|p| p.id == "figure-3").unwrap();
+        assert_eq!(figure.curves.len(), 3);
         for plot in &paper.plots {
             for (x, y) in plot.curves.iter().flat_map(|c| &c.points) {
                 assert!(x.is_finite() && y.is_finite(), "{}", plot.id);

@@ -1,0 +1,74 @@
+//! `flatlight paper`.
+
+use std::io::Write as _;
+use std::path::Path;
+use std::time::Instant;
+
+use atomic_write_file::AtomicWriteFile;
+use flatlight::validate::paper::{STATEMENTS, recompute};
+use flatlight::{Error, Result, report};
+
+use super::Common;
+
+/// Recomputes the paper, writes the page and the table, prints a summary; failed checks are an error.
+pub fn paper(out: &Path, common: &Common) -> Result<()> {
+    std::fs::create_dir_all(out).map_err(|e| Error::write(out, e))?;
+    let start = Instant::now();
+    let paper = recompute()?;
+    let seconds = start.elapsed().as_secs_f64();
+    let page = out.join("paper.html");
+    write(&page, &report::paper::page(&paper)?)?;
+    write(&out.join("paper.csv"), &report::paper::csv(&paper))?;
+    if !common.quiet {
+        println!("equation     checks  worst difference/tolerance  result");
+        for statement in &STATEMENTS {
+            let checks = || {
+                let all = paper.checks.iter();
+                all.filter(|c| c.equation == statement.equation)
+            };
+            // A check that must be exact has the tolerance 0.
+            let share = |d: f64, t: f64| if d == 0.0 { 0.0 } else { d / t };
+            let worst = checks().map(|c| share(c.difference, c.tolerance));
+            println!(
+                "{:<12} {:>6}  {:>26.2e}  {}",
+                statement.equation,
+                checks().count(),
+                worst.fold(0.0, f64::max),
+                if checks().all(|c| c.passed) {
+                    "pass"
+                } else {
+                    "FAIL"
+                }
+            );
+        }
+    }
+    let failed: Vec<String> = paper
+        .checks
+        .iter()
+        .filter(|c| !c.passed)
+        .map(|c| format!("eq. {}: {}", c.equation, c.claim))
+        .collect();
+    println!(
+        "{} of {} checks pass, recomputed in {seconds:.1} s",
+        paper.checks.len() - failed.len(),
+        paper.checks.len()
+    );
+    println!("open {}", page.display());
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Error::failed(format!(
+        "{} check(s) failed\n  {}",
+        failed.len(),
+        failed.join("\n  ")
+    )))
+}
+
+fn write(file: &Path, text: &str) -> Result<()> {
+    let write = || {
+        let mut target = AtomicWriteFile::open(file)?;
+        target.write_all(text.as_bytes())?;
+        target.commit()
+    };
+    write().map_err(|e: std::io::Error| Error::write(file, e))
+}

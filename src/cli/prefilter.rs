@@ -1,0 +1,447 @@
+//! `flatlight prefilter`.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use flatlight::brdf::{Family, Material, Model};
+use flatlight::capture::Capture;
+use flatlight::geometry::{CameraModel, Pose, ViewGeometry};
+use flatlight::lighting::environment::{Environment, Section, Serves};
+use flatlight::lighting::{Lighting, read_table};
+use flatlight::reflect::prefilter::{Options, Prefiltered, Ways, prefilter as compute};
+use flatlight::{Error, Grid, Result};
+
+use super::Common;
+
+/// Cells that `--check` compares, and the seed that picks them.
+const CHECKED: (usize, u64) = (500, 1);
+
+/// What is prefiltered, by what, and how well.
+#[derive(Args, Clone, Debug)]
+#[command(
+    after_help = "A lat-long map has +Y up; its centre looks along +Z, a quarter to its left along +X, as seen from inside. θ = 0 is +X, \
+counter-clockwise seen from above: θ = 90° looks along -Z. --heading-deg turns the axis θ = 0 counter-clockwise, --roll-deg turns the plane about \
+it and lifts θ > 0.\nL is W m^-2 rad^-1 and B W m^-2 sr^-1 if the map is W m^-2 sr^-1; row i of the result is α = -180° + (i + ½)·360°/normals, \
+column j is θo' = -90° + (j + ½)·180°/locals.\n\nExamples:\n  flatlight prefilter sky.exr --brdf model=phong,diffuse=0.3,specular=0.4,exponent=32 --out phong.exr --check\n  \
+flatlight prefilter lighting.csv --brdf recipe.toml --tolerance 1e-4 --out table.csv\n  \
+flatlight prefilter sky.exr --brdf recipe.toml --strip capture.toml --view 3 --out strip.exr"
+)]
+pub struct Arguments {
+    /// A table of light (lighting.csv), or a lat-long map (EXR, HDR)
+    environment: PathBuf,
+    /// A TOML file with a [brdf] table, a brdf.csv, or key=value,… as in a recipe's [brdf]
+    #[arg(long)]
+    brdf: String,
+    /// The table over (α, θo′), CSV or EXR; with --strip the image, EXR
+    #[arg(long)]
+    out: PathBuf,
+    /// Largest error, as a fraction of the mean light field without the light's peaks
+    #[arg(long, default_value_t = 1e-3)]
+    tolerance: f64,
+    /// Values over the full circle of α
+    #[arg(long, default_value_t = 720, value_parser = clap::value_parser!(u16).range(8..=7200))]
+    normals: u16,
+    /// Values over θo′ in (−90°, 90°)
+    #[arg(long, default_value_t = 180, value_parser = clap::value_parser!(u16).range(8..=7200))]
+    locals: u16,
+    /// Direction of θ = 0 in a map, degrees
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    heading_deg: f64,
+    /// Turn of the plane about θ = 0 in a map, degrees
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    roll_deg: f64,
+    /// What of a map is the planar light; default: columns for Lambertian surfaces, else the equator
+    #[arg(long, value_enum)]
+    section: Option<PartOfMap>,
+    /// Compares random cells with brute force, and times every way
+    #[arg(long)]
+    check: bool,
+    /// Renders the object of a capture.toml instead of writing the table
+    #[arg(long, value_name = "CAPTURE", requires = "view")]
+    strip: Option<PathBuf>,
+    /// View of the capture, counted from 0
+    #[arg(long, requires = "strip")]
+    view: Option<usize>,
+}
+
+/// What of a map is the planar light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PartOfMap {
+    /// The radiance in the plane: exact for mirrors
+    Equator,
+    /// The cos²-weighted columns: exact for Lambertian surfaces
+    Columns,
+}
+
+/// Prefilters, writes the result, prints what was chosen and what it promises.
+pub fn prefilter(wanted: &Arguments, common: &Common) -> Result<()> {
+    let kind = extension(&wanted.out);
+    if !(kind == "exr" || kind == "csv" && wanted.strip.is_none()) {
+        let message = match &wanted.strip {
+            Some(_) => "expected a name ending in .exr for the image",
+            None => "expected a name ending in .csv or .exr for the table",
+        };
+        return Err(Error::input(message).file(&wanted.out).key("--out"));
+    }
+    let (model, folder) = describe(&wanted.brdf)?;
+    let mut warnings = model.warnings();
+    let lighting = light(wanted, &model, &mut warnings)?;
+    let material = model.material(&lighting.channels, &folder)?;
+    if common.strict && !warnings.is_empty() {
+        return Err(Error::failed(format!(
+            "--strict: {} warning(s), nothing was written\n  {}",
+            warnings.len(),
+            warnings.join("\n  ")
+        )));
+    }
+    let grid = Grid {
+        normals: usize::from(wanted.normals),
+        locals: usize::from(wanted.locals),
+    };
+    let options = Options {
+        tolerance: wanted.tolerance,
+        ..Options::default()
+    };
+    let start = Instant::now();
+    let made = compute(&lighting, &material, grid, &options)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let rendered = match (&wanted.strip, wanted.view) {
+        (Some(capture), Some(view)) => Some(strip(&made, capture, view, &wanted.out)?),
+        _ => None,
+    };
+    match (&rendered, kind.as_str()) {
+        (Some(_), _) => {}
+        (None, "csv") => made.write_csv(&wanted.out)?,
+        (None, _) => made.write(&wanted.out)?,
+    }
+    if !common.quiet {
+        for warning in warnings {
+            eprintln!("warning: {warning}");
+        }
+    }
+    print_channels(&made, wanted.tolerance);
+    print_ways(&made);
+    if wanted.check {
+        check(&made, &lighting, &material, &options, seconds)?;
+    } else {
+        println!("prefiltered in {seconds:.3} s");
+    }
+    if let Some(rendered) = rendered {
+        println!("{rendered}");
+    }
+    println!("wrote {}", wanted.out.display());
+    Ok(())
+}
+
+fn extension(file: &Path) -> String {
+    let extension = file.extension().unwrap_or_default();
+    extension.to_string_lossy().to_lowercase()
+}
+
+/// The material of `--brdf`, and the folder that its paths start from.
+fn describe(text: &str) -> Result<(Model, PathBuf)> {
+    let file = Path::new(text);
+    let folder = || file.parent().unwrap_or(Path::new("")).to_path_buf();
+    match extension(file).as_str() {
+        "csv" if !text.contains('=') => {
+            let mut table = toml::Table::new();
+            let name = file.file_name().unwrap_or_default().to_string_lossy();
+            table.insert("table".into(), name.as_ref().into());
+            Ok((Model::from_table(&table)?, folder()))
+        }
+        "toml" if !text.contains('=') => {
+            let content = std::fs::read_to_string(file).map_err(|e| Error::read(file, e))?;
+            let root: toml::Table = content
+                .parse()
+                .map_err(|e: toml::de::Error| Error::input(e.message()).file(file))?;
+            let Some(table) = root.get("brdf").and_then(toml::Value::as_table) else {
+                return Err(Error::input("expected a [brdf] table, found none")
+                    .file(file)
+                    .advice(
+                        "Write [brdf] with model = \"…\" and its parameters, as in a recipe.",
+                    ));
+            };
+            let model = Model::from_table(table).map_err(|e| e.file(file))?;
+            Ok((model, folder()))
+        }
+        _ => Ok((Model::from_table(&inline(text)?)?, PathBuf::new())),
+    }
+}
+
+/// `key=value,key=[v,v,v],…` as a table; a value is TOML, or else a word.
+fn inline(text: &str) -> Result<toml::Table> {
+    let mut parts = vec![String::new()];
+    let mut depth = 0usize;
+    for c in text.chars() {
+        match c {
+            '[' => depth += 1,
+            ']' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        match parts.last_mut() {
+            Some(last) if c != ',' || depth > 0 => last.push(c),
+            _ => parts.push(String::new()),
+        }
+    }
+    let mut table = toml::Table::new();
+    for part in parts {
+        let Some((key, value)) = part.split_once('=') else {
+            return Err(Error::input(format!(
+                "expected a .toml or .csv file, or key=value,…, found {part:?}"
+            ))
+            .key("--brdf")
+            .advice("For example: --brdf model=phong,diffuse=0.3,specular=0.4,exponent=32"));
+        };
+        let (key, value) = (key.trim(), value.trim());
+        let parsed = format!("value = {value}").parse::<toml::Table>().ok();
+        let value = parsed
+            .and_then(|mut t| t.remove("value"))
+            .unwrap_or_else(|| value.into());
+        if table.insert(key.to_owned(), value).is_some() {
+            return Err(Error::input(format!("{key} stands twice")).key("--brdf"));
+        }
+    }
+    Ok(table)
+}
+
+/// The planar light of the environment.
+fn light(wanted: &Arguments, model: &Model, warnings: &mut Vec<String>) -> Result<Lighting> {
+    let file = &wanted.environment;
+    if extension(file) == "csv" {
+        for (key, given) in [
+            ("--heading-deg", wanted.heading_deg != 0.0),
+            ("--roll-deg", wanted.roll_deg != 0.0),
+            ("--section", wanted.section.is_some()),
+        ] {
+            if given {
+                return Err(Error::input(
+                    "it places the plane in a lat-long map, and a table is planar already",
+                )
+                .key(key));
+            }
+        }
+        return Ok(read_table(file)?.lighting);
+    }
+    for (key, angle) in [
+        ("--heading-deg", wanted.heading_deg),
+        ("--roll-deg", wanted.roll_deg),
+    ] {
+        if !angle.is_finite() {
+            return Err(Error::input(format!("expected an angle, found {angle}")).key(key));
+        }
+    }
+    let family = match model {
+        Model::Analytic { family, .. } => Some(*family),
+        Model::Table(_) => None,
+    };
+    let lambertian = family == Some(Family::Lambertian);
+    let section = wanted.section.unwrap_or(match lambertian {
+        true => PartOfMap::Columns,
+        false => PartOfMap::Equator,
+    });
+    let exact = match section {
+        PartOfMap::Equator => family == Some(Family::Mirror),
+        PartOfMap::Columns => lambertian,
+    };
+    if !exact {
+        let what = match section {
+            PartOfMap::Equator => "the equator stands for the whole map exactly for mirrors only",
+            PartOfMap::Columns => {
+                "cos²-weighted columns stand for the whole map exactly for Lambertian surfaces only"
+            }
+        };
+        warnings.push(format!(
+            "{what}; this surface also sees light from out of the plane"
+        ));
+    }
+    let map = Environment::read(file)?;
+    let serves = match section {
+        PartOfMap::Equator => Serves::Mirror,
+        PartOfMap::Columns => Serves::Lambertian,
+    };
+    println!(
+        "{}: {} × {} pixels, channels {}; the planar light is its {}",
+        file.display(),
+        map.width,
+        map.height,
+        map.channels.join(" "),
+        match section {
+            PartOfMap::Equator => "equator (radiance in the plane)",
+            PartOfMap::Columns => "columns, weighted by cos² of the elevation",
+        }
+    );
+    Ok(map.planar(Section {
+        heading: wanted.heading_deg.to_radians(),
+        roll: wanted.roll_deg.to_radians(),
+        serves,
+    }))
+}
+
+fn print_channels(made: &Prefiltered, tolerance: f64) {
+    println!(
+        "{} × {} cells, tolerance {tolerance:e} of the level (the mean light field without peaks)\n",
+        made.grid.normals, made.grid.locals
+    );
+    println!(
+        "channel        level  peaks  their share  orders     coefficients  lobe columns  bound/level"
+    );
+    for choice in &made.choices {
+        let (least, most) = choice.orders();
+        println!(
+            "{:<9} {:>10.4e} {:>6} {:>10.2} %  {:<9} {:>13} {:>13} {:>12.1e}",
+            choice.channel,
+            choice.level,
+            choice.peaks,
+            100.0 * choice.peak_share,
+            format!("{least}–{most}"),
+            choice.coefficients(),
+            choice.split_columns(),
+            choice.bound,
+        );
+    }
+    println!();
+}
+
+fn name(ways: Ways) -> &'static str {
+    match ways {
+        Ways::Cheapest => "cheapest per column",
+        Ways::Product => "coefficients only",
+        Ways::Split => "lobe by an integral",
+    }
+}
+
+/// The peaks and ways that were chosen: the cheapest.
+fn print_ways(made: &Prefiltered) {
+    let taken: f64 = made.choices.iter().map(|c| c.cost).sum();
+    let peaks = made.choices.first().map_or(0, |c| c.peaks);
+    println!("peaks  way                   coefficients  predicted/s  bound/level");
+    for way in &made.considered {
+        print!("{:>5}  {:<20}", way.peaks, name(way.ways));
+        match way.prediction {
+            Some(p) => {
+                let chosen = way.ways == Ways::Cheapest && way.peaks == peaks && p.cost == taken;
+                println!(
+                    "{:>14} {:>12.4} {:>12.1e}{}",
+                    p.coefficients,
+                    p.cost,
+                    p.bound,
+                    if chosen { "  chosen" } else { "" }
+                );
+            }
+            None => println!("  cannot keep the tolerance"),
+        }
+    }
+    println!("(predicted: one core)\n");
+}
+
+/// Every way once, timed, and compared with brute force.
+fn check(
+    made: &Prefiltered,
+    lighting: &Lighting,
+    material: &Material,
+    options: &Options,
+    seconds: f64,
+) -> Result<()> {
+    println!(
+        "way                    measured/s  error/level  rms/level   ({} random cells against brute force)",
+        CHECKED.0
+    );
+    let (mut integral, mut worst) = (0.0, 0.0f64);
+    for ways in Ways::ALL {
+        let again;
+        let (tried, time) = if ways == Ways::Cheapest {
+            (made, seconds)
+        } else {
+            let start = Instant::now();
+            let options = Options { ways, ..*options };
+            match compute(lighting, material, made.grid, &options) {
+                Ok(tried) => again = tried,
+                Err(_) => {
+                    println!("{:<20}  cannot keep the tolerance", name(ways));
+                    continue;
+                }
+            }
+            (&again, start.elapsed().as_secs_f64())
+        };
+        let found = tried.check(CHECKED.0, CHECKED.1);
+        let largest = found.iter().fold(0.0f64, |m, c| m.max(c.largest));
+        let rms = found.iter().fold(0.0f64, |m, c| m.max(c.rms));
+        println!(
+            "{:<20} {time:>12.4} {largest:>12.1e} {rms:>10.1e}",
+            name(ways)
+        );
+        if ways == Ways::Cheapest {
+            integral = found.iter().map(|c| c.integral_time.as_secs_f64()).sum();
+            worst = largest;
+        }
+    }
+    println!(
+        "{:<20} {integral:>12.4}               one term per value of the light; {:.0} times the first",
+        "angular integral",
+        integral / seconds
+    );
+    println!();
+    if worst > options.tolerance {
+        return Err(Error::failed(format!(
+            "--check: the error is {worst:.1e} of the level, above the tolerance {:e}",
+            options.tolerance
+        )));
+    }
+    Ok(())
+}
+
+/// Renders a view and writes it; what to say about it.
+fn strip(made: &Prefiltered, capture: &Path, view: usize, out: &Path) -> Result<String> {
+    let capture = Capture::read(capture)?;
+    let Some(seen) = capture.views.get(view) else {
+        return Err(Error::input(format!(
+            "expected a view below {}, found {view}",
+            capture.views.len()
+        ))
+        .key("--view"));
+    };
+    let camera = CameraModel::new(&capture.camera)?;
+    let geometry = ViewGeometry::new(&camera, &capture.object, Pose::nominal(), seen.plane_roll);
+    let size = capture.camera.image_size.map(|n| n as usize);
+    let start = Instant::now();
+    let image = made.view(&geometry, seen.orbit, size);
+    let seconds = start.elapsed().as_secs_f64();
+    made.write_view(out, size, &image)?;
+    Ok(format!(
+        "view {view}: {} × {} pixels rendered in {:.1} ms",
+        size[0],
+        size[1],
+        1e3 * seconds
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_brdf_can_be_said_in_one_word() -> Result<()> {
+        let table = inline("model=phong,diffuse=[0.3, 0.2, 0.1],specular=0.4,exponent=32")?;
+        assert_eq!(table["model"].as_str(), Some("phong"));
+        assert_eq!(table["diffuse"].as_array().map(Vec::len), Some(3));
+        assert_eq!(table["exponent"].as_integer(), Some(32));
+        let (model, _) = describe("model=lambertian,albedo=0.5")?;
+        assert!(matches!(
+            model,
+            Model::Analytic {
+                family: Family::Lambertian,
+                ..
+            }
+        ));
+        for wrong in [
+            "phong",
+            "model=phong,,",
+            "model=phong,model=ward",
+            "model=phnog",
+        ] {
+            assert!(describe(wrong).is_err(), "{wrong}");
+        }
+        Ok(())
+    }
+}

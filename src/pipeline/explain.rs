@@ -1,0 +1,262 @@
+//! What a run says in words: what is known, what is not, and what to distrust.
+
+use super::fit::{DOUBTFUL, REFUSED};
+use super::joint::ChannelGauge;
+use super::material::share;
+use super::measure::Measured;
+use super::recipe::{Recipe, Recover};
+use super::run::{Recovered, Verdict};
+use crate::recover::Status;
+use crate::recover::brdf::BrdfEstimate;
+use crate::recover::factorise::Factorisation;
+use crate::recover::lighting::LightingEstimate;
+
+/// What a fit that does not explain the photographs means for its result.
+pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered) -> Vec<String> {
+    let (result, causes) = match recover {
+        Recover::Lighting => (
+            "lighting",
+            "the BRDF is not this surface's, light reaches the object from out of the measurement plane or from nearby, the surface is textured or not convex, or the photographs are not linear",
+        ),
+        Recover::Brdf => (
+            "BRDF",
+            "the light is not the stated one, it also comes from out of the measurement plane or from nearby, the surface is textured or not convex, or the photographs are not linear",
+        ),
+        _ => (
+            "lighting and BRDF",
+            "light reaches the object from out of the measurement plane or from nearby, the surface is textured or not convex, or the photographs are not linear",
+        ),
+    };
+    recovered
+        .fit
+        .iter()
+        .zip(&measured.samples.channels)
+        .filter_map(|(fit, name)| {
+            let percent = 100.0 * fit.unexplained;
+            match fit.verdict {
+                Verdict::Explained => None,
+                Verdict::Doubtful => Some(format!(
+                    "Channel {name}: the best {result} leaves {percent:.1} % of the light field unexplained beyond the noise (below {:.0} % is usual). Errors of that order are not in the error bars. Likely causes: {causes}.",
+                    100.0 * DOUBTFUL
+                )),
+                Verdict::Refused => Some(format!(
+                    "Channel {name}: the best {result} leaves {percent:.0} % of the light field unexplained beyond the noise (more than {:.0} %). No {result} is given as a measurement: every value is marked indeterminate. Likely causes: {causes}.",
+                    100.0 * REFUSED
+                )),
+            }
+        })
+        .collect()
+}
+
+/// Plain sentences: what can and what cannot be known from this capture.
+pub fn findings(recipe: &Recipe, measured: &Measured, recovered: &Recovered) -> Vec<String> {
+    let mut findings = Vec::new();
+    let coverage = measured.field.coverage(0, measured.limb_cut);
+    findings.push(format!(
+        "{} views give samples for {:.1} % of the light field's cells with |θo′| ≤ {:.0}°.",
+        measured.views.len(),
+        100.0 * coverage,
+        measured.limb_cut.to_degrees()
+    ));
+    let accepted = |c: usize| {
+        recovered
+            .fit
+            .get(c)
+            .is_none_or(|f| f.verdict != Verdict::Refused)
+    };
+    if let Some(lighting) = &recovered.lighting {
+        findings.extend(about_lighting(lighting, &accepted));
+    }
+    if let Some(brdf) = &recovered.brdf {
+        findings.extend(about_brdf(brdf, &accepted));
+    }
+    for (c, gauge) in recovered.gauge.iter().enumerate() {
+        if accepted(c) {
+            findings.extend(about_gauge(gauge, recipe));
+        }
+    }
+    if let Some(models) = &recovered.models {
+        for channel in &models.channels {
+            if let Some(best) = channel.fits.get(channel.best) {
+                findings.push(format!(
+                    "Channel {}: of the analytic models {} fits the slice best, to {:.1} % of its largest ρ cos θi′ cos θo′ (rms).",
+                    channel.channel,
+                    best.model,
+                    100.0 * best.relative_rms
+                ));
+            }
+        }
+    }
+    grouped(findings)
+}
+
+/// Sentences that say the same of several channels, "Channel R: …", become one, at the place of the first.
+pub fn grouped(sentences: Vec<String>) -> Vec<String> {
+    let mut groups: Vec<(Vec<String>, String)> = Vec::new();
+    for sentence in sentences {
+        let split = sentence
+            .strip_prefix("Channel ")
+            .and_then(|rest| rest.split_once(": "));
+        let Some((channel, rest)) = split else {
+            groups.push((Vec::new(), sentence));
+            continue;
+        };
+        match groups
+            .iter_mut()
+            .find(|(channels, said)| !channels.is_empty() && said == rest)
+        {
+            Some((channels, _)) => channels.push(channel.to_string()),
+            None => groups.push((vec![channel.to_string()], rest.to_string())),
+        }
+    }
+    groups
+        .into_iter()
+        .map(|(channels, rest)| match channels.as_slice() {
+            [] => rest,
+            [one] => format!("Channel {one}: {rest}"),
+            many => format!("Channels {}: {rest}", many.join(", ")),
+        })
+        .collect()
+}
+
+/// What makes a factorisation doubtful; what it leaves open by nature is a finding.
+pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
+    let mut said = Vec::new();
+    for channel in &found.channels {
+        let name = &channel.name;
+        if channel.misfit > 1.2 {
+            said.push(format!(
+                "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by that. Light from out of the plane, a texture, or too small a noise estimate would do this.",
+                channel.misfit.sqrt()
+            ));
+        }
+        if !channel.converged {
+            said.push(format!(
+                "Channel {name}: the refinement did not settle; the weakly determined frequencies may be worse than their error bars."
+            ));
+        }
+    }
+    said
+}
+
+fn about_lighting(lighting: &LightingEstimate, accepted: &dyn Fn(usize) -> bool) -> Vec<String> {
+    let mut findings = Vec::new();
+    for source in &lighting.sources {
+        findings.push(format!(
+            "A source at {:.3}° ± {:.3}°.",
+            source.theta_deg, source.theta_sigma_deg
+        ));
+    }
+    for (c, channel) in lighting.channels.iter().enumerate() {
+        if !accepted(c) {
+            findings.push(format!(
+                "Channel {}: no lighting can be given, because none explains the photographs.",
+                channel.name
+            ));
+            continue;
+        }
+        let open: Vec<usize> = (0..channel.spectrum.len())
+            .filter(|&p| channel.spectrum[p].status == Status::Indeterminate)
+            .collect();
+        let band = match channel.determined_band {
+            Some(band) => {
+                format!("the light's frequencies up to p = {band} are determined by the photos")
+            }
+            None => "no frequency of the light is determined by the photos".into(),
+        };
+        let rest = match open.first() {
+            Some(first) if open.len() + first == channel.spectrum.len() => {
+                format!("; from p = {first} on the surface hides the light's detail")
+            }
+            Some(first) => format!(
+                "; of the frequencies from p = {first} on, {} cannot be known through this surface",
+                open.len()
+            ),
+            None => String::new(),
+        };
+        findings.push(format!("Channel {}: {band}{rest}.", channel.name));
+    }
+    findings
+}
+
+fn about_brdf(estimate: &BrdfEstimate, accepted: &dyn Fn(usize) -> bool) -> Vec<String> {
+    estimate
+        .slices
+        .iter()
+        .zip(&estimate.channels)
+        .enumerate()
+        .map(|(c, (slice, name))| {
+            if !accepted(c) {
+                return format!(
+                    "Channel {name}: no BRDF can be given, because none explains the photographs."
+                );
+            }
+            let [determined, weak, open] = [
+                Status::Determined,
+                Status::Weak,
+                Status::Indeterminate,
+            ]
+            .map(|status| 100.0 * share(&slice.status, status));
+            if determined == 0.0 && weak == 0.0 {
+                let known = slice
+                    .spectrum
+                    .iter()
+                    .filter(|k| k.status == Status::Determined)
+                    .count();
+                return format!(
+                    "Channel {name}: this light determines no single value of the BRDF, only {known} averages over it (coefficients in brdf_spectrum.csv); light from a narrow direction would determine the values."
+                );
+            }
+            let rest = match open {
+                0.0 => "nothing of it is left open".into(),
+                o if o < 1.0 => {
+                    "only corners in which both directions graze are left empty".into()
+                }
+                o => format!(
+                    "{o:.0} % cannot be known from these views under this light and is left empty"
+                ),
+            };
+            format!(
+                "Channel {name}: the photos alone determine {determined:.0} % of the BRDF slice (reciprocity included), and {weak:.0} % together with its smoothness; {rest}."
+            )
+        })
+        .collect()
+}
+
+fn about_gauge(gauge: &ChannelGauge, recipe: &Recipe) -> Vec<String> {
+    let name = &gauge.channel;
+    let mut said = vec![format!("Channel {name}: {}", gauge.scale)];
+    if !recipe.scale.is_given() {
+        said[0].push_str(
+            " A [scale] in the recipe (a reference albedo, a known source or total irradiance) would make both absolute.",
+        );
+    }
+    if !gauge.undetermined.is_empty() {
+        let names: Vec<String> = gauge.undetermined.iter().map(ToString::to_string).collect();
+        said.push(format!(
+            "Channel {name}: the light's frequencies {} are not determined by reciprocity.",
+            names.join(", ")
+        ));
+    }
+    if gauge.components.len() > 1 {
+        said.push(format!(
+            "Channel {name}: reciprocity ties the frequencies of the light together in {} groups; each beyond the first has a free factor of its own.",
+            gauge.components.len()
+        ));
+    }
+    said
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_that_share_a_sentence_share_it() {
+        let said = ["All.", "Channel R: a.", "Channel G: b.", "Channel B: a."];
+        assert_eq!(
+            grouped(said.map(String::from).to_vec()),
+            ["All.", "Channels R, B: a.", "Channel G: b."]
+        );
+    }
+}

@@ -1,0 +1,157 @@
+//! Whether a recovery explains what was measured: residuals, and the verdict on the result.
+
+use serde::{Deserialize, Serialize};
+
+use super::measure::Measured;
+use super::run::Verdict;
+use crate::angle::NormalAngle;
+use crate::brdf::Material;
+use crate::error::Result;
+use crate::light_field::{LightField, Part, Samples};
+use crate::lighting::Lighting;
+use crate::reflect::product;
+
+/// Unexplained share above which a result is doubtful. Clean photos of the test sets leave 0.05–0.6 %.
+pub const DOUBTFUL: f64 = 0.02;
+/// Unexplained share above which a result is refused. Light from out of the plane leaves 10 % (Phong 8) to 60 % (GGX
+/// 0.1) on anything but Lambertian and mirror surfaces, and a BRDF recovered from it is wrong by more than half.
+pub const REFUSED: f64 = 0.06;
+/// Frequencies of continuous light that are carried into a prediction: the lobes that photographs resolve pass no more.
+const ORDER: usize = 180;
+
+/// How well a recovery explains the samples of one channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FitQuality {
+    /// Root mean square of measured − predicted over the samples.
+    pub residual_rms: f64,
+    /// `residual_rms` relative to the largest measured value.
+    pub residual_relative: f64,
+    /// Mean squared residual in units of the samples' variance.
+    pub chi2: f64,
+    /// Root mean square of what is left beyond the stated noise, relative to that of the measured values.
+    pub unexplained: f64,
+    /// What follows for the result.
+    pub verdict: Verdict,
+}
+
+/// Compares samples with a prediction, \[channel\]\[column\]\[n\].
+pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality> {
+    (0..samples.channels.len())
+        .map(|c| {
+            let (mut squares, mut noise, mut chi2, mut power) = (0.0, 0.0, 0.0, 0.0);
+            let (mut largest, mut count) = (0.0f64, 0usize);
+            for (column, predicted) in samples.columns.iter().zip(&predicted[c]) {
+                let measured = column.value[c].iter().zip(&column.variance[c]);
+                for ((b, v), f) in measured.zip(predicted) {
+                    if v.is_finite() && *v > 0.0 {
+                        squares += (b - f).powi(2);
+                        noise += v;
+                        chi2 += (b - f).powi(2) / v;
+                        power += b * b;
+                        largest = largest.max(b.abs());
+                        count += 1;
+                    }
+                }
+            }
+            let n = count.max(1) as f64;
+            let unexplained = ((squares - noise).max(0.0) / power.max(f64::MIN_POSITIVE)).sqrt();
+            let residual_rms = (squares / n).sqrt();
+            FitQuality {
+                residual_rms,
+                residual_relative: residual_rms / largest.max(f64::MIN_POSITIVE),
+                chi2: chi2 / n,
+                unexplained,
+                verdict: match unexplained {
+                    u if u <= DOUBTFUL => Verdict::Explained,
+                    u if u <= REFUSED => Verdict::Doubtful,
+                    _ => Verdict::Refused,
+                },
+            }
+        })
+        .collect()
+}
+
+/// B that a light and a material predict for every sample, \[channel\]\[column\]\[n\].
+///
+/// # Errors
+/// If light and material do not have the same channels.
+pub fn predict(
+    lighting: &Lighting,
+    material: &Material,
+    samples: &Samples,
+) -> Result<Vec<Vec<Vec<f64>>>> {
+    let places: Vec<_> = samples
+        .columns
+        .iter()
+        .flat_map(|column| {
+            column
+                .alpha
+                .iter()
+                .map(|a| (NormalAngle::radians(*a), column.local))
+        })
+        .collect();
+    let order = product::sufficient_order(lighting).min(ORDER);
+    let flat = product::at(lighting, material, &places, order)?;
+    Ok(flat
+        .into_iter()
+        .map(|channel| {
+            let mut values = channel.into_iter();
+            samples
+                .columns
+                .iter()
+                .map(|column| values.by_ref().take(column.alpha.len()).collect())
+                .collect()
+        })
+        .collect())
+}
+
+/// Measured minus predicted; `predicted` is \[channel\]\[column\]\[row\].
+pub fn subtract(measured: &LightField, predicted: &[Vec<Vec<f64>>]) -> LightField {
+    let mut residual = measured.clone();
+    let grid = measured.grid;
+    for (c, mean) in residual.mean.iter_mut().enumerate() {
+        for (j, column) in predicted[c].iter().enumerate() {
+            for (i, value) in column.iter().enumerate() {
+                let at = grid.index(i, j);
+                if residual.weight[c][at] > 0.0 {
+                    mean[at] -= *value as f32;
+                }
+            }
+        }
+    }
+    residual
+}
+
+/// Measured minus predicted for each photo's strip: a row per view, a column per θo′.
+pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part {
+    let (width, height) = (measured.samples.columns.len(), measured.views.len());
+    let mut planes = Vec::new();
+    for (c, name) in measured.samples.channels.iter().enumerate() {
+        let mut residual = vec![0.0f32; width * height];
+        let mut weight = vec![0.0f32; width * height];
+        for (j, column) in measured.samples.columns.iter().enumerate() {
+            for (i, &view) in column.view.iter().enumerate() {
+                if column.variance[c][i].is_finite() {
+                    let at = view as usize * width + j;
+                    residual[at] = (column.value[c][i] - predicted[c][j][i]) as f32;
+                    weight[at] = 1.0;
+                }
+            }
+        }
+        planes.push((format!("residual.{name}"), residual));
+        planes.push((format!("weight.{name}"), weight));
+    }
+    Part {
+        name: "photos".into(),
+        size: [width, height],
+        planes,
+        texts: vec![
+            ("rows".into(), "views, in the order of capture.toml".into()),
+            (
+                "columns".into(),
+                "theta_o', as in the part of the light field".into(),
+            ),
+        ],
+        numbers: Vec::new(),
+    }
+}

@@ -1,0 +1,277 @@
+//! The factorisation's result on its way to the products: light, slice and gauge.
+
+use std::f64::consts::{PI, SQRT_2, TAU};
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use num_complex::Complex64;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::fit::FitQuality;
+use crate::angle::wrap;
+use crate::fourier::Series;
+use crate::light_field::Samples;
+use crate::lighting::Lighting;
+use crate::recover::Status;
+use crate::recover::factorise::{Channel, Factorisation};
+use crate::recover::lighting::{
+    ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, TABLE,
+};
+
+/// What the light field left free in one channel, and how other ways to factorise it did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelGauge {
+    /// Channel name.
+    pub channel: String,
+    /// Where the scale comes from, a sentence.
+    pub scale: String,
+    /// Largest frequency that shows in the light field.
+    pub band: usize,
+    /// Largest frequency that the views resolve.
+    pub resolved: usize,
+    /// Frequencies of the light that reciprocity ties together; each such group has a free factor of its own, that of
+    /// p = 0 is the scale.
+    pub components: Vec<Vec<usize>>,
+    /// Frequencies of the light that are not determined.
+    pub undetermined: Vec<usize>,
+    /// Eigenvalues of the reciprocity problem, increasing, in units of the noise: one near 1 is not determined.
+    pub eigenvalues: Vec<f64>,
+    /// Mean square of the reciprocity residuals in units of the noise: 1 if model and noise are right.
+    pub misfit: f64,
+    /// Whether the refinement settled.
+    pub converged: bool,
+    /// L_p of the eigenproblem alone.
+    pub eigenproblem: Series,
+    /// L_p by the ratios of [RH01, eq. 29].
+    pub ratios: Series,
+    /// ‖L(eigenproblem) − L‖ / ‖L‖ over the determined frequencies.
+    pub eigenproblem_difference: f64,
+    /// ‖L(eq. 29) − L‖ / ‖L‖ over the determined frequencies.
+    pub ratios_difference: f64,
+}
+
+/// The light that was found: band-limited.
+pub fn light(found: &Factorisation) -> Lighting {
+    Lighting::band_limited(
+        found.channels.iter().map(|c| c.name.clone()).collect(),
+        found.channels.iter().map(|c| c.lighting.clone()).collect(),
+    )
+}
+
+/// The samples without what the light's undetermined frequencies did to them, where the views close the circle about
+/// evenly: what is left is explained by the determined light alone, at the same information per frequency.
+///
+/// Returned twice: with the samples' variances, and with what the light's own uncertainty adds to them,
+/// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that it reaches the slice's σ.
+pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Samples) {
+    let mut part = samples.clone();
+    let mut widened = samples.clone();
+    let columns = part.columns.par_iter_mut().zip(&mut widened.columns);
+    columns.for_each(|(column, wide)| {
+        for (c, channel) in found.channels.iter().enumerate() {
+            let seen: Vec<usize> = (0..column.alpha.len())
+                .filter(|&i| column.variance[c][i].is_finite())
+                .collect();
+            let alpha: Vec<f64> = seen.iter().map(|&i| column.alpha[i]).collect();
+            let value: Vec<f64> = seen.iter().map(|&i| column.value[c][i]).collect();
+            let Some(series) = column_series(&alpha, &value, channel.band) else {
+                continue;
+            };
+            let added: f64 = (1..=channel.band)
+                .filter(|&p| channel.status[p] == Status::Determined)
+                .map(|p| {
+                    let light = channel.lighting.get(p as i64).norm();
+                    let share = channel.sigma[p] / light.max(f64::MIN_POSITIVE);
+                    2.0 * (series.get(p as i64).norm() * share.min(1.0)).powi(2)
+                })
+                .sum();
+            let mut open = series;
+            for (l, status) in open.coefficients.iter_mut().zip(&channel.status) {
+                if *status == Status::Determined {
+                    *l = Complex64::ZERO;
+                }
+            }
+            for &i in &seen {
+                column.value[c][i] -= open.evaluate(column.alpha[i]);
+                wide.value[c][i] = column.value[c][i];
+                wide.variance[c][i] += added;
+            }
+        }
+    });
+    (part, widened)
+}
+
+/// The Fourier series up to `order` through samples on the circle by least squares; `None` if a gap between them is
+/// wider than one and a half times their mean distance, or they are too few.
+fn column_series(alpha: &[f64], value: &[f64], order: usize) -> Option<Series> {
+    let (n, m) = (alpha.len(), 2 * order + 1);
+    if n < m {
+        return None;
+    }
+    let mut sorted: Vec<f64> = alpha.iter().map(|a| wrap(*a)).collect();
+    sorted.sort_by(f64::total_cmp);
+    let first = *sorted.first()?;
+    sorted.push(first + TAU);
+    if sorted
+        .windows(2)
+        .any(|w| w[1] - w[0] > 1.5 * TAU / n as f64)
+    {
+        return None;
+    }
+    // f = f_0 + Σ 2 Re f_p cos pα − 2 Im f_p sin pα.
+    let design = Mat::from_fn(n, m, |i, k| {
+        let x = k.div_ceil(2) as f64 * alpha[i];
+        match k {
+            0 => 1.0,
+            _ if k % 2 == 1 => 2.0 * x.cos(),
+            _ => -2.0 * x.sin(),
+        }
+    });
+    let target = Mat::from_fn(n, 1, |i, _| value[i]);
+    let found = (design.transpose() * &design)
+        .llt(Side::Lower)
+        .ok()?
+        .solve(design.transpose() * target);
+    Some(Series {
+        coefficients: (0..=order)
+            .map(|p| match p {
+                0 => Complex64::new(found[(0, 0)], 0.0),
+                _ => Complex64::new(found[(2 * p - 1, 0)], found[(2 * p, 0)]),
+            })
+            .collect(),
+    })
+}
+
+/// The light's determined frequencies alone.
+pub fn determined_light(found: &Factorisation) -> Lighting {
+    let mut light = light(found);
+    for (series, channel) in light.smooth.iter_mut().zip(&found.channels) {
+        for (c, status) in series.coefficients.iter_mut().zip(&channel.status) {
+            if *status != Status::Determined {
+                *c = Complex64::ZERO;
+            }
+        }
+    }
+    light
+}
+
+/// The light as a lighting recovery gives it: a table with σ and a spectrum with status.
+pub fn lighting(found: &Factorisation, fit: &[FitQuality]) -> LightingEstimate {
+    LightingEstimate {
+        channels: found
+            .channels
+            .iter()
+            .zip(fit)
+            .map(|(channel, fit)| ChannelEstimate {
+                name: channel.name.clone(),
+                table: (0..TABLE)
+                    .map(|k| channel.lighting.evaluate(angle(k)))
+                    .collect(),
+                table_sigma: (0..TABLE).map(|k| sigma_at(channel, angle(k))).collect(),
+                smooth: channel.lighting.clone(),
+                irradiance: Vec::new(),
+                spectrum: spectrum(channel),
+                determined_band: spectrum(channel)
+                    .iter()
+                    .take_while(|c| c.status == Status::Determined)
+                    .count()
+                    .checked_sub(1),
+                residual_rms: fit.residual_rms,
+                residual_relative: fit.residual_relative,
+                chi2: fit.chi2,
+                regularisation: RegularisationChoice {
+                    criterion: "none".into(),
+                    strength: 0.0,
+                    curve: Vec::new(),
+                },
+            })
+            .collect(),
+        sources: Vec::new(),
+    }
+}
+
+fn angle(k: usize) -> f64 {
+    -PI + 2.0 * PI * k as f64 / TABLE as f64
+}
+
+/// σ of L(θ) = L_0 + 2 Σ (Re L_p cos pθ − Im L_p sin pθ).
+fn sigma_at(channel: &Channel, theta: f64) -> f64 {
+    let fitted: Vec<usize> = channel.frequencies.iter().copied().skip(1).collect();
+    let size = 2 * fitted.len();
+    let gradient: Vec<f64> = fitted
+        .iter()
+        .flat_map(|&p| {
+            let (sin, cos) = (p as f64 * theta).sin_cos();
+            [2.0 * cos, -2.0 * sin]
+        })
+        .collect();
+    let mut variance = 0.0;
+    for (row, g) in channel.covariance.chunks_exact(size.max(1)).zip(&gradient) {
+        variance += g * row.iter().zip(&gradient).map(|(c, h)| c * h).sum::<f64>();
+    }
+    // The others were regressed one by one: (2σ/√2)² each.
+    let others = (1..=channel.band).filter(|p| !fitted.contains(p));
+    variance += others.map(|p| 2.0 * channel.sigma[p].powi(2)).sum::<f64>();
+    variance.max(0.0).sqrt()
+}
+
+fn spectrum(channel: &Channel) -> Vec<Coefficient> {
+    (0..=channel.band)
+        .map(|p| {
+            let status = channel.status[p];
+            // L_0 is real, and known as well as the scale.
+            let parts = if p == 0 { 1.0 } else { SQRT_2 };
+            let sigma = channel.sigma[p] / parts;
+            Coefficient {
+                value: channel.lighting.get(p as i64),
+                sigma,
+                // The covariance is the inverse information at the estimate.
+                bound: if status == Status::Indeterminate {
+                    f64::INFINITY
+                } else {
+                    sigma
+                },
+                status,
+            }
+        })
+        .collect()
+}
+
+/// The gauge of every channel.
+pub fn gauge(found: &Factorisation) -> Vec<ChannelGauge> {
+    found
+        .channels
+        .iter()
+        .map(|channel| {
+            let undetermined: Vec<usize> = (0..=channel.band)
+                .filter(|&p| channel.status[p] != Status::Determined)
+                .collect();
+            let difference = |other: &Series| {
+                let (mut square, mut norm) = (0.0, f64::MIN_POSITIVE);
+                for p in (0..=channel.band).filter(|p| !undetermined.contains(p)) {
+                    let l = channel.lighting.get(p as i64);
+                    let both = if p == 0 { 1.0 } else { 2.0 };
+                    square += both * (other.get(p as i64) - l).norm_sqr();
+                    norm += both * l.norm_sqr();
+                }
+                (square / norm).sqrt()
+            };
+            ChannelGauge {
+                channel: channel.name.clone(),
+                scale: channel.scale.clone(),
+                band: channel.band,
+                resolved: channel.resolved,
+                components: channel.components.clone(),
+                eigenvalues: channel.eigenvalues.clone(),
+                misfit: channel.misfit,
+                converged: channel.converged,
+                eigenproblem_difference: difference(&channel.start),
+                ratios_difference: difference(&channel.ratio),
+                eigenproblem: channel.start.clone(),
+                ratios: channel.ratio.clone(),
+                undetermined,
+            }
+        })
+        .collect()
+}

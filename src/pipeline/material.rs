@@ -1,0 +1,144 @@
+//! The recovered BRDF slice on its way to the products: as a table, as a material, and as fitted models.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
+
+use super::recipe::RecoveryOptions;
+use crate::brdf::fit::{BrdfModels, FitOptions, fit_table};
+use crate::brdf::{Axis, Brdf, Material, MeasuredSlice, SliceTable};
+use crate::error::{Error, Result};
+use crate::recover::Status;
+use crate::recover::brdf::{BrdfEstimate, Options, Regularisation};
+use crate::recover::lighting;
+
+/// Highest frequency of the slice's spectrum that the recovery computes.
+const MOST_ORDER: usize = 90;
+
+/// The recipe's `[recovery]` for a BRDF.
+///
+/// # Errors
+/// For choices that a BRDF's recovery does not have.
+pub fn options(recovery: &RecoveryOptions) -> Result<Options> {
+    if !recovery.reciprocal {
+        return Err(
+            Error::input("a BRDF is recovered as reciprocal, found reciprocal = false")
+                .key("recovery.reciprocal")
+                .advice(
+                    "Leave the key out. A surface that breaks reciprocity shows in the residual.",
+                ),
+        );
+    }
+    let regularisation = match recovery.regularisation {
+        lighting::Regularisation::Evidence => Regularisation::Evidence,
+        lighting::Regularisation::Gcv => Regularisation::Gcv,
+        lighting::Regularisation::None => Regularisation::None,
+        lighting::Regularisation::Fixed(s) if s > 0.0 => Regularisation::Factor(s),
+        lighting::Regularisation::Fixed(_) => Regularisation::None,
+        lighting::Regularisation::Truncate => {
+            return Err(Error::input(
+                "expected auto, evidence, gcv, none or a number for a BRDF, found \"truncate\"",
+            )
+            .key("recovery.regularisation")
+            .advice("A lobe within the half circle has no last frequency to stop at."));
+        }
+    };
+    let defaults = Options::default();
+    Ok(Options {
+        order: recovery
+            .band
+            .map_or(defaults.order, |band| band.min(MOST_ORDER)),
+        regularisation,
+        non_negative: recovery.non_negative,
+        ..defaults
+    })
+}
+
+/// The content of `brdf.csv`: ρ and σ, NaN where the slice is indeterminate. `stride` takes every such cell, in the
+/// middle of its neighbours.
+pub fn table(estimate: &BrdfEstimate, stride: usize) -> SliceTable {
+    let stride = stride.max(1);
+    let axis = Axis {
+        count: estimate.size / stride,
+        inclusive: false,
+    };
+    let layer = |c: usize, pick: &dyn Fn((f64, f64)) -> f64| -> Vec<f64> {
+        (0..axis.count * axis.count)
+            .map(|cell| {
+                let at = |k: usize| k * stride + stride / 2;
+                estimate
+                    .rho(c, at(cell / axis.count), at(cell % axis.count))
+                    .map_or(f64::NAN, pick)
+            })
+            .collect()
+    };
+    let all = 0..estimate.channels.len();
+    SliceTable {
+        channels: estimate.channels.clone(),
+        incident: axis,
+        exitant: axis,
+        rho: all.clone().map(|c| layer(c, &|v| v.0)).collect(),
+        sigma: all.map(|c| layer(c, &|v| v.1)).collect(),
+    }
+}
+
+/// The whole slice as a BRDF that can be evaluated, with what the prior makes of cells that nobody saw.
+///
+/// # Errors
+/// If the slice's arrays do not have its size.
+pub fn as_material(estimate: &BrdfEstimate) -> Result<Material> {
+    let axis = Axis {
+        count: estimate.size,
+        inclusive: false,
+    };
+    let n = estimate.size;
+    let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / n as f64;
+    let brdfs = estimate
+        .slices
+        .iter()
+        .map(|slice| {
+            let rho: Vec<f64> = slice
+                .reciprocal
+                .iter()
+                .enumerate()
+                .map(|(k, v)| v / (angle(k / n).cos() * angle(k % n).cos()))
+                .collect();
+            Ok(Arc::new(MeasuredSlice::new(axis, axis, &rho)?) as Arc<dyn Brdf>)
+        })
+        .collect::<Result<_>>()?;
+    Ok(Material {
+        channels: estimate.channels.clone(),
+        brdfs,
+    })
+}
+
+/// Analytic models fitted to the slice, or a sentence on why there are none. Neighbouring cells closer than the
+/// splines' knots share their error, so only one cell per knot is used: χ² and σ then mean what they say.
+pub fn fit_models(estimate: &BrdfEstimate, absolute: bool) -> (Option<BrdfModels>, Option<String>) {
+    let spacing = PI / estimate.size.max(1) as f64;
+    let stride = estimate
+        .slices
+        .iter()
+        .map(|s| (s.resolution / spacing).round() as usize)
+        .max()
+        .unwrap_or(1)
+        .max(1);
+    // An odd divisor keeps the cells on a regular grid with a middle.
+    let stride = (1..=stride)
+        .rev()
+        .find(|s| s % 2 == 1 && estimate.size.is_multiple_of(*s))
+        .unwrap_or(1);
+    let table = table(estimate, stride);
+    let options = FitOptions {
+        absolute,
+        known_variance: true,
+    };
+    match fit_table(&table, options) {
+        Ok(models) => (Some(models), None),
+        Err(e) => (None, Some(format!("No analytic models were fitted: {e}."))),
+    }
+}
+
+/// Share of the slice with a status.
+pub fn share(status: &[Status], wanted: Status) -> f64 {
+    status.iter().filter(|s| **s == wanted).count() as f64 / status.len().max(1) as f64
+}
