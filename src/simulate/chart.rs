@@ -13,6 +13,9 @@ use crate::geometry::CameraModel;
 
 /// Points of the interpolation in each coordinate.
 const POINTS: usize = 6;
+/// How far the last nodes stay from the limb and a sphere's poles, radians: seen at exactly 90° rounding would
+/// decide whether a point reflects.
+const FROM_LIMB: f64 = 1e-7;
 /// Positions per side of the image at which the range of the chart is looked for.
 const LATTICE: u32 = 48;
 
@@ -101,8 +104,10 @@ impl SmoothPart {
         } else {
             within
         };
-        let phi = Nodes::over([-FRAC_PI_2, FRAC_PI_2], across);
-        let tau = Nodes::over(tau_range(body, camera)?, out);
+        let limb = FRAC_PI_2 - FROM_LIMB;
+        let phi = Nodes::over([-limb, limb], across);
+        let range = tau_range(body, camera)?.map(|tau| tau.clamp(-limb, limb));
+        let tau = Nodes::over(range, out);
         let channels = shader.channels().len();
         let mut values = vec![0.0; tau.count * phi.count * channels];
         values
