@@ -3,8 +3,9 @@
 //!
 //! The photos are half floats: their rounding (2⁻¹¹ of each value, uniform: 1.4e-4 rms) and the
 //! generator's own check against quadrature (1e-5 to 1e-4 of the maximum, in each set's README) are the floor
-//! under every figure. Limits are what the program promises, or, where it does much better, three times
-//! the measured figure: the photos never change, so only the program can cross them.
+//! under every figure. A limit is about three times what is measured, and never above what is promised (light
+//! field 0.3 % of its maximum; smooth light 0.3 %, on the sphere 0.5 %; suns 0.1° and 0.5 %): the
+//! photos never change, so only the program can cross it.
 
 mod sets;
 
@@ -49,24 +50,25 @@ fn light_field_error(name: &str) -> (f64, f64) {
     worst
 }
 
-/// Every set's light field is the truth's to 0.3 % of its maximum, over cells that its views cover: each
+/// Every set's light field is the truth's, over cells that its views cover: each
 /// view gives one sample per column, and `views` of 360 rows hold one.
 #[test]
 fn light_fields_are_the_true_ones() {
     let sets = [
-        ("phong32-smooth", 72),
-        ("phong32-sun", 72),
-        ("phong32-two-suns", 72),
-        ("phong8-smooth", 36),
-        ("phong8-sun", 36),
-        ("phong8-two-suns", 36),
-        ("lambertian-smooth", 36),
-        ("ggx-sphere", 36),
-        ("phong32-orthographic", 36),
-        ("ggx02-two-suns", 72),
+        ("phong32-smooth", 72, 0.0004),
+        ("phong32-sun", 72, 0.0006),
+        ("phong32-two-suns", 72, 0.0006),
+        ("phong8-smooth", 36, 0.0004),
+        ("phong8-sun", 36, 0.0006),
+        ("phong8-two-suns", 36, 0.0006),
+        ("lambertian-smooth", 36, 0.0004),
+        ("ggx-sphere", 36, 0.0015),
+        // Cells lie half a row off the samples here, and samples 10° apart, half a lobe.
+        ("phong32-orthographic", 36, 0.003),
+        ("ggx02-two-suns", 72, 0.0006),
     ];
     let mut failures = Vec::new();
-    for (name, views) in sets {
+    for (name, views, limit) in sets {
         let (rms, seen) = light_field_error(name);
         println!(
             "{name}: rms {:.4} % of the maximum, {:.1} % seen",
@@ -74,7 +76,7 @@ fn light_fields_are_the_true_ones() {
             100.0 * seen
         );
         // Two samples of an uneven orbit may share a row.
-        if !(rms <= 0.003 && seen >= 0.9 * f64::from(views) / 360.0) {
+        if !(rms <= limit && seen >= 0.9 * f64::from(views) / 360.0) {
             failures.push((name, rms, seen));
         }
     }
@@ -104,7 +106,7 @@ fn smooth_light_errors(name: &str, order: usize) -> (f64, f64) {
 #[test]
 fn smooth_light_comes_back_through_a_glossy_surface() {
     let (table, spectrum) = smooth_light_errors("phong32-smooth", 12);
-    assert!(table <= 0.003 && spectrum <= 0.003, "{table} {spectrum}");
+    assert!(table <= 0.001 && spectrum <= 0.0003, "{table} {spectrum}");
 }
 
 #[test]
@@ -118,7 +120,7 @@ fn smooth_light_comes_back_through_a_dull_surface() {
 #[test]
 fn smooth_light_comes_back_from_a_metal_sphere() {
     let (_, spectrum) = smooth_light_errors("ggx-sphere", 20);
-    assert!(spectrum <= 0.005, "{spectrum}");
+    assert!(spectrum <= 0.002, "{spectrum}");
 }
 
 /// The sources in `truth/scene.toml`: (direction in degrees, irradiance per channel).
@@ -136,8 +138,7 @@ fn true_sources(name: &str) -> Vec<(f64, Vec<f64>)> {
         .collect()
 }
 
-/// Direction to 0.1° and irradiance to 0.5 % of every source, no source that is not there, and the total
-/// irradiance to 0.5 %.
+/// Direction and irradiance of every source, no source that is not there, and the total irradiance.
 fn sources_are_found(name: &str) -> Run {
     let run = run(&recipe(name), &set(name));
     let lighting = lighting(&run);
@@ -159,17 +160,17 @@ fn sources_are_found(name: &str) -> Run {
             })
             .expect("a source");
         println!("{name}: {theta}° found at {:.4}°", nearest.theta_deg);
-        assert!((nearest.theta_deg - theta).abs() <= 0.1, "{nearest:?}");
+        assert!((nearest.theta_deg - theta).abs() <= 0.01, "{nearest:?}");
         for (found, expected) in nearest.irradiance.iter().zip(irradiance) {
             println!("  {expected} found as {found:.5}");
-            assert!((found / expected - 1.0).abs() <= 0.005, "{nearest:?}");
+            assert!((found / expected - 1.0).abs() <= 0.0003, "{nearest:?}");
         }
     }
     for (c, channel) in run.channels.iter().enumerate() {
         let total = TAU * lighting.channels[c].spectrum[0].value.re;
         let expected = TAU * true_spectrum(name, channel).get(0).re;
         assert!(
-            (total / expected - 1.0).abs() <= 0.005,
+            (total / expected - 1.0).abs() <= 0.0003,
             "{channel}: {total} {expected}"
         );
     }

@@ -9,6 +9,7 @@ mod report;
 mod run;
 mod say;
 mod simulate;
+mod validate;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -106,6 +107,20 @@ enum Command {
     /// Environment map prefiltering: the light field of a planar environment as a table, an image, or an
     /// object in front of a camera
     Prefilter(prefilter::Arguments),
+    /// Many seeded synthetic recoveries: error, bias, interval coverage, ratio to the Cramér–Rao bound
+    #[command(
+        after_help = "Example:\n  flatlight validate pipelines/validate.toml --out out/\n  then open out/report.html\n\nFinished cells stay in out/cells and are not computed again: interrupt and go on at will."
+    )]
+    Validate {
+        /// The studies: a recipe like pipelines/validate.toml
+        recipe: PathBuf,
+        /// Folder for validation.csv, the report and the finished cells
+        #[arg(long)]
+        out: PathBuf,
+        /// All of the recipe, not only its default size
+        #[arg(long)]
+        full: bool,
+    },
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -126,6 +141,9 @@ pub fn main() -> ExitCode {
         }
         Command::Paper { out } => paper::paper(out, &arguments.common),
         Command::Prefilter(wanted) => prefilter::prefilter(wanted, &arguments.common),
+        Command::Validate { recipe, out, full } => {
+            validate::validate(recipe, out, *full, &arguments.common)
+        }
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,

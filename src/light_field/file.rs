@@ -160,11 +160,12 @@ mod tests {
         let image = read_first_flat_layer_from_file(&path).expect("reads");
         let layer = image.layer_data;
         assert_eq!(layer.channel_data.list.len(), 6);
+        let name = Text::from("mean.560nm");
         let mean = layer
             .channel_data
             .list
             .iter()
-            .find(|c| c.name == Text::from("mean.560nm"))
+            .find(|c| c.name == name)
             .expect("the channel is there");
         let values: Vec<f32> = mean.sample_data.values_as_f32().collect();
         assert_eq!(values, field.mean[1]);

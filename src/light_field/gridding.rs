@@ -13,8 +13,8 @@ use super::{Column, LightField, Samples};
 use crate::angle::wrap;
 use crate::grid::Grid;
 
-/// Spacing of neighbouring samples (radians) beyond which they say nothing about the slope between
-/// them: about the width of the broadest lobe that a table of models holds.
+/// Distance (radians) beyond which a sample says nothing about the curve between the nearest two: about the
+/// width of the broadest lobe that a table of models holds.
 const FAR: f64 = 0.45;
 
 /// The light field on `grid`, whose columns are those of `samples`; `pixels` gives the number of pixels
@@ -94,8 +94,8 @@ fn cells(column: &Column, channel: usize, grid: Grid, pixels: &[f32]) -> Vec<Cel
     cells
 }
 
-/// Interpolation to `centre` through up to four of the samples around `first..last` that stay within
-/// [`FAR`] of each other; for two samples in one cell, the mean of both.
+/// Interpolation to `centre` through the two, and up to four if they lie within [`FAR`], of the samples around
+/// `first..last`; for two samples in one cell, the mean of both.
 fn between(points: &[Point], first: usize, last: usize, centre: f64) -> (f64, f64) {
     let n = points.len();
     let mut means = Vec::new();
@@ -110,7 +110,7 @@ fn between(points: &[Point], first: usize, last: usize, centre: f64) -> (f64, f6
         for k in [ahead, -ahead, 2 * ahead] {
             let (d, at) = offset(k);
             let fresh = used.iter().all(|&(u, _)| (u - d).abs() > 1e-6);
-            if fresh && d.abs() <= FAR && used.len() < n {
+            if fresh && (d.abs() <= FAR || used.len() == 1) && used.len() < n {
                 used.push((d, at));
             }
         }

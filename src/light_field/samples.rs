@@ -109,7 +109,7 @@ pub struct Gathered {
 /// Gathers the views' samples into columns; `views` holds, per view, \[channel\]\[column\].
 ///
 /// The variance of a sample is that of its pixels' noise, plus that of an error of its view's outline, plus a
-/// floor of [`MODEL_FLOOR`] times the channel's largest value, squared. `outline_sigma` gives, per view, the standard
+/// floor of `MODEL_FLOOR` times the channel's largest value, squared. `outline_sigma` gives, per view, the standard
 /// deviation of θo′ by the outline's error at θo′ = 0, radians; it grows as 1/cos θo′.
 pub fn gather(
     channels: Vec<String>,

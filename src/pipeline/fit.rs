@@ -110,11 +110,11 @@ pub fn subtract(measured: &LightField, predicted: &[Vec<Vec<f64>>]) -> LightFiel
     let mut residual = measured.clone();
     let grid = measured.grid;
     for (c, mean) in residual.mean.iter_mut().enumerate() {
-        for i in 0..grid.normals {
-            for j in 0..grid.locals {
+        for (j, column) in predicted[c].iter().enumerate() {
+            for (i, value) in column.iter().enumerate() {
                 let at = grid.index(i, j);
                 if residual.weight[c][at] > 0.0 {
-                    mean[at] -= predicted[c][j][i] as f32;
+                    mean[at] -= *value as f32;
                 }
             }
         }

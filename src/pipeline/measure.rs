@@ -33,6 +33,11 @@ const ROWS_BIAS: f64 = 1e-4;
 /// Error of both limbs' positions (pixels) that photos of one object share, however many they are: the brightness just
 /// inside the limb is not what the edge's model assumes. It shifts nothing, but changes the apparent radius.
 const LIMB_ERROR_PX: f64 = 0.03;
+/// Error (pixels) of where a set stands of which few views show both limbs, and the part of views below which they
+/// are few: what is bright at one side only is found too far in, and that turns with the view as a displacement
+/// of the object does.
+const ONE_SIDED_ERROR_PX: f64 = 1.0;
+const TWO_SIDED: f64 = 0.3;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
 const PREVIEWS: usize = 4;
@@ -147,7 +152,12 @@ pub fn measure(
         slopes,
     } = gather(channels, &locals, &views, &outline_sigma);
     let field = grid(&samples, cells, &pixels);
-    let systematics = systematics(&settled, capture, &geometries[0], &samples, &slopes);
+    let two_sided = outlines
+        .iter()
+        .filter(|o| o.sides() == [true, true])
+        .count();
+    let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
+    let systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
@@ -326,17 +336,24 @@ fn px_per_metre(geometry: &ViewGeometry) -> f64 {
 
 /// The errors of the outline that all views share: where the object stands, and how large it looks. A
 /// shift by δ turns the normal seen in a pixel by δ/(R cos θo′), a radius wrong by the factor 1 + s by
-/// s tan θo′.
+/// s tan θo′. `blind`: few views show both limbs.
 fn systematics(
     settled: &Settled,
     capture: &Capture,
     geometry: &ViewGeometry,
+    blind: bool,
     samples: &Samples,
     slopes: &[Vec<Vec<f64>>],
 ) -> Vec<Systematic> {
     let radius = capture.object.radius;
-    let [x, y] = settled.sigma_displacement.map(|sigma| sigma / radius);
-    let constant = settled.sigma_constant / radius;
+    let least = if blind {
+        ONE_SIDED_ERROR_PX / half_width(geometry)
+    } else {
+        0.0
+    };
+    let of_shift = |sigma: f64| (sigma / radius).max(least);
+    let [x, y] = settled.sigma_displacement.map(of_shift);
+    let constant = of_shift(settled.sigma_constant);
     let scale = settled
         .sigma_radius_scale
         .max(LIMB_ERROR_PX / half_width(geometry));

@@ -27,11 +27,14 @@ const PROVENANCE: &str = "provenance.json";
 /// Version of the folder's layout.
 const FORMAT: u32 = 1;
 
+/// Writes a file to a path.
+type Write<'a> = dyn Fn(&Path) -> Result<()> + Send + Sync + 'a;
+
 /// A file of a run: its name and what writes it to a path.
 pub struct Product<'a> {
     /// Name in the output folder.
     pub name: &'static str,
-    write: Box<dyn Fn(&Path) -> Result<()> + Send + Sync + 'a>,
+    write: Box<Write<'a>>,
 }
 
 impl<'a> Product<'a> {

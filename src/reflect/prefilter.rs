@@ -1,4 +1,4 @@
-//! Environment prefiltering ([RH01] §5.4): the light field of a planar environment, each part of it by
+//! Environment prefiltering (\[RH01\] §5.4): the light field of a planar environment, each part of it by
 //! the cheapest way that keeps a stated error.
 //!
 //! * The *smooth part* of the light and of the BRDF needs few Fourier coefficients (eq. 14).
@@ -7,7 +7,7 @@
 //! * A *lobe* much narrower than the light's detail needs more coefficients than a short integral over
 //!   the lobe needs nodes.
 //!
-//! [`plan`] chooses; this module carries the choice out.
+//! `plan` chooses; this module carries the choice out.
 
 mod check;
 mod file;

@@ -15,6 +15,7 @@ mod settings;
 mod table;
 #[cfg(test)]
 mod tests;
+mod validation;
 
 use askama::Template;
 
@@ -23,6 +24,7 @@ use crate::pipeline::Run;
 use figure::Figure;
 use methods::Passage;
 use results::ResultTable;
+pub use validation::validation;
 
 /// The page as the template takes it.
 #[derive(Template)]

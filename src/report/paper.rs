@@ -7,7 +7,7 @@ use askama::Template;
 
 use super::equation::display;
 use super::figure::{Figure, Panel};
-use super::number::short;
+use super::number::{short, trimmed};
 use super::plot::{Axis, ColourMap, Legend, Mark, Plot, Scale, Size, bounds, html_text};
 use super::table::{Cell, Table, write_csv_text};
 use crate::error::{Error, Result};
@@ -91,7 +91,7 @@ pub fn page(paper: &Paper) -> Result<String> {
         Some(Misprint {
             anchor: anchor(c.equation),
             name: name(c.equation),
-            text: html_text(&symbols(&format!("{} ({text}).", c.claim))),
+            text: markup(&format!("{} ({text}).", c.claim)),
         })
     };
     let page = Page {
@@ -181,14 +181,29 @@ fn block(statement: &Statement, paper: &Paper) -> Result<Block> {
 
 fn row(check: &Check) -> Row {
     Row {
-        claim: html_text(&symbols(&check.claim)),
-        note: html_text(&symbols(&check.note)),
-        closed_form: short(check.closed_form, 10),
-        ours: short(check.ours, 10),
+        claim: markup(&check.claim),
+        note: markup(&check.note),
+        closed_form: trimmed(check.closed_form, 10),
+        ours: trimmed(check.ours, 10),
         difference: short(check.difference, 2),
         tolerance: short(check.tolerance, 2),
         passed: check.passed,
     }
+}
+
+/// A claim with its indices and exponents set.
+fn markup(text: &str) -> String {
+    let html = html_text(&symbols(text));
+    let mut out = String::with_capacity(html.len());
+    let mut rest = html.as_str();
+    while let Some((before, after)) = rest.split_once("^{") {
+        let Some((inside, behind)) = after.split_once('}') else {
+            break;
+        };
+        let _ = write!(out, "{before}<sup>{inside}</sup>");
+        rest = behind;
+    }
+    out + rest
 }
 
 /// Plain-text indices set as such: `L_p`, `ρ̂_{p,q}` and `θo′` in the notation of the kit, `_[…]`.
@@ -334,6 +349,10 @@ mod tests {
         for (plain, set) in cases {
             assert_eq!(symbols(plain), set);
         }
+        assert_eq!(
+            markup("e^{ipθ} < L_p^{2"),
+            "e<sup>ipθ</sup> &lt; L<sub>p</sub>^{2"
+        );
         assert_eq!(name("7–10"), "Equations 7–10");
         assert_eq!(anchor("§5.3"), "eq--5-3");
     }

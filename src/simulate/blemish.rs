@@ -99,6 +99,30 @@ impl Blemishes {
         self.waves.is_empty() && self.cells.is_empty()
     }
 
+    /// Whether no speck touches the surroundings of `point` up to `reach` metres, and the texture is flat
+    /// there: one value of the factor serves.
+    pub(super) fn is_plain(&self, point: Vector3<f64>, reach: f64) -> bool {
+        // A wave of phase ±0.2 about its middle has a mean 0.7 % of its amplitude off.
+        let fine = self.waves.iter().any(|(k, _)| k.norm() * reach > 0.2);
+        let dusty = self.dust.is_some_and(|dust| {
+            let far = reach + dust.radius_m;
+            let low = cell(point.add_scalar(-reach), dust.radius_m);
+            let high = cell(point.add_scalar(reach), dust.radius_m);
+            // Specks much finer than the reach: too many cells to ask.
+            (0..3).any(|k| high[k] - low[k] > 4)
+                || (low[0]..=high[0]).any(|i| {
+                    (low[1]..=high[1]).any(|j| {
+                        (low[2]..=high[2]).any(|k| {
+                            self.cells.get(&[i, j, k]).is_some_and(|specks| {
+                                specks.iter().any(|s| (s - point).norm() < far)
+                            })
+                        })
+                    })
+                })
+        });
+        !fine && !dusty
+    }
+
     /// `point`: from the object's centre, metres, in the frame that stands still with it.
     pub(super) fn factor(&self, point: Vector3<f64>) -> f64 {
         let mut factor = 1.0;

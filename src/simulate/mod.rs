@@ -17,6 +17,8 @@ mod render;
 mod sensor;
 mod set;
 mod shade;
+#[cfg(test)]
+mod tests;
 mod truth;
 mod write;
 

@@ -248,7 +248,7 @@ fn channels(root: &Section<'_>) -> Vec<String> {
     let mut sorted = names.clone();
     sorted.sort_unstable();
     sorted.dedup();
-    if names.is_empty() || !names.iter().all(|n| plain(n)) || sorted.len() != names.len() {
+    if names.is_empty() || !names.iter().all(plain) || sorted.len() != names.len() {
         let what = "expected different names of letters and digits";
         root.fault(
             "channels",

@@ -3,7 +3,6 @@
 use std::num::NonZeroUsize;
 use std::path::Path;
 
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::blemish::{Blemishes, Dust, Texture};
@@ -19,7 +18,9 @@ use crate::lighting::Lighting;
 /// Nodes across a pixel, and across one near the limb.
 const ACROSS: usize = 2;
 const ACROSS_AT_LIMB: usize = 6;
-/// Nodes a side of a pixel on a textured or dusty surface.
+/// Nodes down a pixel.
+const DOWN: usize = 2;
+/// Nodes across a pixel with specks or a fine texture; down it, each node becomes two.
 const FINE: usize = 4;
 /// Share of the half width beyond which a pixel counts as near the limb: sin 60°.
 const NEAR_LIMB: f64 = 0.866;
@@ -130,7 +131,7 @@ impl Renderer {
             geometry: ViewGeometry::new(&self.camera, &self.object, stand.pose, stand.plane_roll),
             body,
             plane,
-            rules: Rules::new(!self.blemishes.is_none()),
+            rules: Rules::new(),
         };
         let channels = self.channels().len();
         let rows: Vec<Vec<f32>> = (0..size[1])
@@ -165,16 +166,19 @@ fn gauss(n: usize) -> Rule {
 struct Rules {
     down: Rule,
     across: Rule,
+    /// Across a pixel with specks or a texture finer than the pixel.
+    fine: Rule,
     limb: Rule,
     /// Where no limb can be found along the row: plain steps.
     plain: Rule,
 }
 
 impl Rules {
-    fn new(fine: bool) -> Self {
+    fn new() -> Self {
         Self {
-            down: gauss(if fine { FINE } else { 2 }),
-            across: gauss(if fine { FINE } else { ACROSS }),
+            down: gauss(DOWN),
+            across: gauss(ACROSS),
+            fine: gauss(FINE),
             limb: gauss(ACROSS_AT_LIMB),
             plain: (0..16)
                 .map(|k| ((f64::from(k) + 0.5) / 16.0, 1.0 / 16.0))
@@ -227,9 +231,7 @@ impl Scene<'_> {
         }
         let (middle, half) = (0.5 * (left + right), 0.5 * (right - left));
         if (a - middle).abs().max((b - middle).abs()) < NEAR_LIMB * half {
-            for &(x, w) in &self.rules.across {
-                self.add_ray([a + x * (b - a), v], weight * w * (b - a), sum);
-            }
+            self.interior([a, b], v, weight, sum);
             return;
         }
         for (limb, sign, p, q) in [
@@ -245,14 +247,44 @@ impl Scene<'_> {
             for &(x, w) in &self.rules.limb {
                 let r = r0 + x * (r1 - r0);
                 let u = limb + sign * r * r;
-                self.add_ray([u, v], weight * w * 2.0 * r * (r1 - r0), sum);
+                self.add_ray([u, v], weight * w * 2.0 * r * (r1 - r0), None, sum);
             }
+        }
+    }
+
+    /// A pixel's sub-row away from the limb.
+    fn interior(&self, [a, b]: [f64; 2], v: f64, weight: f64, sum: &mut [f64]) {
+        let camera = &self.renderer.camera;
+        let blemishes = &self.renderer.blemishes;
+        let mut factor = None;
+        if !blemishes.is_none() {
+            let middle = self.body.hit(&camera.ray([0.5 * (a + b), v]));
+            factor = middle.and_then(|hit| {
+                let point = self.plane.still(hit.point);
+                // Half a pixel's diagonal, as it lies on a surface up to 60° off.
+                let reach = 1.2 * camera.metres_per_px();
+                blemishes
+                    .is_plain(point, reach)
+                    .then(|| blemishes.factor(point))
+            });
+            if factor.is_none() {
+                for row in [v - 0.125, v + 0.125] {
+                    for &(x, w) in &self.rules.fine {
+                        let part = 0.5 * weight * w * (b - a);
+                        self.add_ray([a + x * (b - a), row], part, None, sum);
+                    }
+                }
+                return;
+            }
+        }
+        for &(x, w) in &self.rules.across {
+            self.add_ray([a + x * (b - a), v], weight * w * (b - a), factor, sum);
         }
     }
 
     fn stratified(&self, from: f64, v: f64, weight: f64, sum: &mut [f64]) {
         for &(x, w) in &self.rules.plain {
-            self.add_ray([from + x, v], weight * w, sum);
+            self.add_ray([from + x, v], weight * w, None, sum);
         }
     }
 
@@ -262,7 +294,8 @@ impl Scene<'_> {
         }
     }
 
-    fn add_ray(&self, pixel: [f64; 2], weight: f64, sum: &mut [f64]) {
+    /// `factor` is that of the blemishes if it is known already.
+    fn add_ray(&self, pixel: [f64; 2], weight: f64, factor: Option<f64>, sum: &mut [f64]) {
         let ray = self.renderer.camera.ray(pixel);
         let Some(hit) = self.body.hit(&ray) else {
             self.add_background(weight, sum);
@@ -282,12 +315,13 @@ impl Scene<'_> {
         if let Some(smooth) = &self.smooth {
             smooth.add(&self.body, &hit, radiance);
         }
-        let factor = if self.renderer.blemishes.is_none() {
-            weight
-        } else {
-            let point: Vector3<f64> = self.plane.still(hit.point);
-            weight * self.renderer.blemishes.factor(point)
-        };
+        let blemishes = &self.renderer.blemishes;
+        let factor = weight
+            * match factor {
+                Some(factor) => factor,
+                None if blemishes.is_none() => 1.0,
+                None => blemishes.factor(self.plane.still(hit.point)),
+            };
         for (sum, b) in sum.iter_mut().zip(radiance.iter()) {
             *sum += factor * b;
         }

@@ -145,20 +145,27 @@ impl Shader {
             .min_by(|a, b| a.lobe_width().total_cmp(&b.lobe_width()))
     }
 
-    /// Angle (radians) between nodes at which [`Shader::add_smooth`] has to be known for six-point
-    /// interpolation to 1e-5. What is reflected is as smooth as the smoother of light and lobe; the
-    /// mirror direction turns twice as fast as the normal. Six points at a spacing h err by
-    /// 5/1024 (κh)⁶ on a wave of frequency κ, and by 3.5 (h/d)⁶ at a distance d from a pole.
-    pub(super) fn spacing(&self) -> f64 {
+    /// Angles (radians) between nodes, within the light's plane and out of it, at which [`Shader::add_smooth`] has to
+    /// be known for six-point interpolation to 1e-5. Along the plane what is reflected is as smooth as
+    /// the smoother of light and lobe, out of it as the lobe; the mirror direction turns twice as fast as
+    /// the normal. Six points at a spacing h err by 5/1024 (κh)⁶ on a wave of frequency κ, and by
+    /// 3.5 (h/d)⁶ at a distance d from a pole.
+    pub(super) fn spacing(&self) -> [f64; 2] {
         let order = self.smooth.iter().map(Density::order).max().unwrap_or(0);
         let by_light = 0.18 / order.max(1) as f64;
         let Some(brdf) = self.sharpest() else {
-            return PI / 96.0;
+            return [PI / 96.0; 2];
         };
-        by_light
-            .max(0.06 * brdf.lobe_width())
-            .min(0.12 * brdf.grazing_width())
-            .clamp(PI / 2048.0, PI / 96.0)
+        // An edge of the light that crosses the horizon leaves a jump of the second derivative, of which
+        // interpolation misses about h²/20.
+        let edges = self.smooth.iter().any(|d| !d.kinks.is_empty());
+        let widest = if edges { PI / 512.0 } else { PI / 96.0 };
+        let by_lobe = 0.06 * brdf.lobe_width();
+        [by_light.max(by_lobe), by_lobe].map(|spacing| {
+            spacing
+                .min(0.12 * brdf.grazing_width())
+                .clamp(PI / 2048.0, widest)
+        })
     }
 
     /// Adds what the sources (and, in a mirror, the smooth light) send to the camera, W m⁻² sr⁻¹ per
@@ -192,8 +199,15 @@ impl Shader {
         };
         let (normal, _) = plane.angle(hit.normal);
         let local = LocalAngle::radians(wrap(plane.angle(hit.view).0 - normal));
-        let order = self.smooth.iter().map(Density::order).max().unwrap_or(0);
-        let ends = panel_ends(sharpest, local, order, std::iter::empty());
+        let order = self
+            .smooth
+            .iter()
+            .map(|d| d.series_order)
+            .max()
+            .unwrap_or(0);
+        let kinks = self.smooth.iter().flat_map(|d| &d.kinks);
+        let breaks = kinks.map(|theta| wrap(theta - normal));
+        let ends = panel_ends(sharpest, local, order, breaks);
         for_each_node(&ends, |angle, weight| {
             let theta = normal + angle;
             self.for_rho(hit, plane, plane.toward(theta), theta, |c, rho_cos| {
@@ -246,6 +260,8 @@ struct Density {
     fine: Vec<f64>,
     series_order: usize,
     rest: Lighting,
+    /// Angles at which the table has its sharpest bends, radians.
+    kinks: Vec<f64>,
 }
 
 impl Density {
@@ -258,6 +274,7 @@ impl Density {
         // (2π order/n)⁴ · 3/128 ≤ 1e-9 for n ≥ 440 · order.
         let n = (440 * series.order()).max(16).next_power_of_two();
         Self {
+            kinks: kinks(lighting.table.get(channel).map_or(&[], Vec::as_slice)),
             fine: CircleTransform::new(n, -PI).synthesise(&series),
             series_order: series.order(),
             rest: Lighting {
@@ -301,5 +318,143 @@ impl Density {
             Some(_) => self.rest.density(0, WorldAngle::radians(theta)),
         };
         band_limited + tabulated
+    }
+}
+
+/// Angles (radians) of the strongest bends of a table of light: those above a hundredth of its range, but no
+/// more than a quadrature can afford to end its panels at.
+fn kinks(table: &[f64]) -> Vec<f64> {
+    const MOST: usize = 64;
+    let n = table.len();
+    let low = table.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = table.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let mut bends: Vec<(f64, usize)> = (0..n)
+        .map(|i| {
+            let bend = table[(i + n - 1) % n] - 2.0 * table[i] + table[(i + 1) % n];
+            (bend.abs(), i)
+        })
+        .filter(|(bend, _)| *bend > 0.01 * (high - low))
+        .collect();
+    bends.sort_by(|a, b| b.0.total_cmp(&a.0));
+    bends.truncate(MOST);
+    bends
+        .into_iter()
+        .map(|(_, i)| -PI + TAU * i as f64 / n as f64)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::brdf::Material;
+    use crate::grid::Grid;
+    use crate::lighting::Source;
+    use crate::reflect::product;
+
+    /// A point of the plane's own cross-section: normal at `normal`, camera at `normal` + `local`.
+    fn in_plane(normal: f64, local: f64, plane: &Plane) -> Hit {
+        Hit {
+            normal: plane.toward(normal),
+            view: plane.toward(normal + local),
+            point: plane.toward(normal),
+        }
+    }
+
+    #[test]
+    fn in_the_plane_it_is_the_light_field() {
+        let channels = vec!["Y".to_string()];
+        let smooth: Vec<f64> = (0..720)
+            .map(|i| 1.0 + (f64::from(i) * TAU / 120.0).cos())
+            .collect();
+        let smooth = Lighting::from_samples(channels.clone(), &[smooth], -PI);
+        let sun = Lighting::from_sources(
+            channels.clone(),
+            vec![Source {
+                theta: WorldAngle::degrees(37.3),
+                irradiance: vec![3.0],
+            }],
+        );
+        let grid = Grid {
+            normals: 24,
+            locals: 18,
+        };
+        for (text, lighting) in [
+            ("model = \"mirror\"\nreflectance = 0.8", smooth.clone()),
+            (
+                "model = \"phong\"\nspecular = 0.4\nexponent = 32",
+                smooth.plus(&sun),
+            ),
+            (
+                "model = \"ggx-conductor\"\nalpha = 0.2\neta = 0.2\nk = 3.9",
+                smooth.plus(&sun),
+            ),
+            (
+                "model = \"oren-nayar\"\nalbedo = 0.5\nsigma_deg = 20",
+                smooth.plus(&sun),
+            ),
+        ] {
+            let model = Model::from_table(&text.parse().expect("TOML")).expect("a model");
+            let shader = Shader::new(&model, &lighting, Path::new("")).expect("fits");
+            let material: Material = model.material(&channels, Path::new("")).expect("fits");
+            let order = product::sufficient_order(&lighting);
+            let field = product::on_grid(&lighting, &material, grid, order).expect("fits");
+            let largest = field[0].iter().fold(0.0f64, |a, b| a.max(*b));
+            let plane = Plane::new(1.1, 0.2);
+            for i in 0..grid.normals {
+                for j in 0..grid.locals {
+                    let hit = in_plane(grid.normal(i).rad(), grid.local(j).rad(), &plane);
+                    let mut found = [0.0];
+                    shader.add_direct(&hit, &plane, &mut found);
+                    shader.add_smooth(&hit, &plane, &mut found);
+                    let expected = field[0][grid.index(i, j)];
+                    // The light is interpolated to 1e-9.
+                    assert!(
+                        (found[0] - expected).abs() < 1e-8 * largest,
+                        "{text} {i} {j}: {} {expected}",
+                        found[0]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_table_out_of_the_plane_is_its_projection() {
+        let channels = vec!["Y".to_string()];
+        let sun = Lighting::from_sources(
+            channels,
+            vec![Source {
+                theta: WorldAngle::degrees(20.0),
+                irradiance: vec![1.0],
+            }],
+        );
+        let model = Model::from_table(
+            &"model = \"lambertian\"\nalbedo = 0.5"
+                .parse()
+                .expect("TOML"),
+        )
+        .expect("a model");
+        let space = Shader::new(&model, &sun, Path::new("")).expect("fits");
+        let projected = Shader {
+            surface: Surface::Plane(
+                model
+                    .material(space.channels(), Path::new(""))
+                    .expect("fits")
+                    .brdfs,
+            ),
+            ..space.clone()
+        };
+        assert!(space.is_spatial() && !projected.is_spatial());
+        let plane = Plane::new(0.0, 0.0);
+        let hit = Hit {
+            normal: Vector3::new(0.9, 0.2, 0.3).normalize(),
+            view: Vector3::new(1.0, 0.0, 0.1).normalize(),
+            point: Vector3::zeros(),
+        };
+        let (mut a, mut b) = ([0.0], [0.0]);
+        space.add_direct(&hit, &plane, &mut a);
+        projected.add_direct(&hit, &plane, &mut b);
+        // Lambert's BRDF is the same in all directions, so the projection changes nothing.
+        assert!(a[0] > 0.1 && (a[0] - b[0]).abs() < 1e-15);
     }
 }

@@ -1,4 +1,4 @@
-//! Lighting and BRDF at once, from the light field alone ([RH01] section 5.3, and beyond).
+//! Lighting and BRDF at once, from the light field alone (\[RH01\] section 5.3, and beyond).
 //!
 //! # The problem
 //!
@@ -44,7 +44,7 @@
 //! Frequencies that do not rise above the noise in any column are left out of the fit, which biases nothing; then
 //! they are regressed on the H_p of the fitted ρ̃: they come out dark where H_p is seen, else invisible.
 //!
-//! The start is the [eigenproblem](spectral) over all (p, q); eq. 29 is in [ratio].
+//! The start is the eigenproblem (`spectral`) over all (p, q); eq. 29 is in `ratio`.
 //!
 //! # Limits
 //!

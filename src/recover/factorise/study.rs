@@ -328,7 +328,7 @@ pub(super) fn all_around(count: usize) -> Vec<f64> {
         .collect()
 }
 
-/// The study of the list, on one's own grid: `LOCALS`, `CUT`, `DRAWS`, `BAND`, `BRDF`, `LIGHT`, `NOISE` of the environment.
+/// BRDFs × lights × noise, on one's own grid: `LOCALS`, `CUT`, `DRAWS`, `BAND`, `BRDF`, `LIGHT`, `NOISE` of the environment.
 #[test]
 #[ignore = "minutes"]
 fn error_against_the_bound() {

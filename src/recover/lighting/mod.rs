@@ -225,7 +225,8 @@ fn first_look(samples: &Samples, channel: usize, transfer: &[Vec<Complex64>]) ->
 
 /// Directions that may hold sources, brightest first: the peaks of the light under the weakest prior
 /// with L(θ) ≥ 0, which sharpens a source far beyond the band; by their irradiance over all channels in units
-/// of the mean light. A peak wider than a period of the finest frequency that the data know is no source.
+/// of the mean light. A peak wider than one and a half periods of the finest frequency that the data know is no
+/// source.
 fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f64>> {
     let lights: Vec<Vec<f64>> = channels
         .par_iter()
@@ -248,7 +249,7 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
         .map(|(channel, weak)| {
             let covariance = weak.covariance();
             let known = |p: &usize| {
-                covariance[(position(*p), position(*p))].sqrt() <= WEAK * channel.mean_light
+                covariance[(position(*p), position(*p))].sqrt() <= DETERMINED * channel.mean_light
             };
             (0..=channel.system.order).rev().find(known).unwrap_or(0)
         })
@@ -275,7 +276,7 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
         let floor = at(low).max(at(high));
         let half = 0.5 * (at(k) + floor);
         let width = (low..=high).filter(|&i| at(i) > half).count() as f64 * TAU / TABLE as f64;
-        if width > TAU / finest.max(1) as f64 {
+        if width > 1.5 * TAU / finest.max(1) as f64 {
             continue;
         }
         let (mut total, mut moment) = (0.0, 0.0);

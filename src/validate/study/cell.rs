@@ -1,0 +1,379 @@
+//! One cell of a study: its definition, its draws, and their comparison with the truth.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use serde::{Deserialize, Serialize};
+
+use super::scene::Scene;
+use super::tally::{Draw, Judged, Outcome, determined, tally};
+use crate::angle::LocalAngle;
+use crate::error::{Error, Result};
+use crate::fourier::Series;
+use crate::recover::{Status, brdf, factorise, lighting};
+
+/// Cells of the half × half grid on which a BRDF is compared: one every 4°, about the spacing of its splines.
+const BRDF_SIZE: usize = 45;
+
+/// Which recovery a cell is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Recovered {
+    /// Lighting from a known BRDF.
+    Lighting,
+    /// BRDF from known lighting.
+    Brdf,
+    /// Both from the light field alone.
+    Both,
+}
+
+impl Recovered {
+    /// The word in recipe and table.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Lighting => "lighting",
+            Self::Brdf => "brdf",
+            Self::Both => "both",
+        }
+    }
+
+    /// The ratio of error to bound that is promised.
+    pub fn promised_ratio(self) -> f64 {
+        match self {
+            Self::Both => 1.25,
+            _ => 1.1,
+        }
+    }
+}
+
+/// All that defines a cell: equal cells give equal outcomes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cell {
+    /// Name of the study.
+    pub study: String,
+    /// What is recovered.
+    pub recovered: Recovered,
+    /// Name of the BRDF.
+    pub brdf: String,
+    /// Its parameters.
+    pub brdf_table: toml::Table,
+    /// Name of the lighting.
+    pub lighting: String,
+    /// Its parameters.
+    pub lighting_table: toml::Table,
+    /// Standard deviation of the noise of a sample, relative to the largest value of the light field.
+    pub noise: f64,
+    /// Number of views.
+    pub views: usize,
+    /// The arc over which they are spread, degrees.
+    pub arc_deg: f64,
+    /// Columns over θo′ in (−90°, 90°).
+    pub locals: usize,
+    /// |θo′| beyond which there are no samples, degrees.
+    pub limb_cut_deg: f64,
+    /// Number of draws.
+    pub draws: usize,
+    /// Seed of the study.
+    pub seed: u64,
+}
+
+impl Cell {
+    /// Rows of the grid over the full circle: the views would be so many if they went all around.
+    pub fn normals(&self) -> usize {
+        (self.views as f64 * 360.0 / self.arc_deg).round() as usize
+    }
+
+    /// What a person calls it.
+    pub fn label(&self) -> String {
+        format!(
+            "{} · {} · {} · {} % · {} views",
+            self.recovered.word(),
+            self.brdf,
+            self.lighting,
+            100.0 * self.noise,
+            self.views
+        )
+    }
+
+    /// Whether two cells have the same noiseless light field.
+    fn same_field(&self, other: &Self) -> bool {
+        self.brdf_table == other.brdf_table
+            && self.lighting_table == other.lighting_table
+            && self.normals() == other.normals()
+            && self.locals == other.locals
+    }
+
+    /// Seed of one draw: a hash of all that tells draws apart, so that neither order nor neighbours matter.
+    fn draw_seed(&self, draw: usize) -> u64 {
+        let text = format!(
+            "{}/{}/{}/{}/{}/{}/{}/{draw}",
+            self.seed,
+            self.recovered.word(),
+            self.brdf,
+            self.lighting,
+            self.noise,
+            self.views,
+            self.arc_deg
+        );
+        let hash = blake3::hash(text.as_bytes());
+        let mut first = [0; 8];
+        first.copy_from_slice(&hash.as_bytes()[..8]);
+        u64::from_le_bytes(first)
+    }
+}
+
+/// A cell ready to be drawn.
+pub(super) struct Prepared<'a> {
+    cell: &'a Cell,
+    scene: Scene,
+}
+
+impl<'a> Prepared<'a> {
+    /// Makes the light field, or takes that of the cell before if it is the same.
+    pub fn new(cell: &'a Cell, last: &mut Option<(Cell, Scene)>) -> Result<Self> {
+        let scene = match last {
+            Some((before, scene)) if before.same_field(cell) => scene.clone(),
+            _ => Scene::new(cell)?,
+        };
+        *last = Some((cell.clone(), scene.clone()));
+        Ok(Self { cell, scene })
+    }
+
+    /// Recovers from one draw of the noise.
+    pub fn draw(&self, draw: usize) -> Result<Draw> {
+        let samples = self
+            .scene
+            .samples(self.cell, Some(self.cell.draw_seed(draw)));
+        match self.cell.recovered {
+            Recovered::Lighting => {
+                let options = lighting::Options {
+                    band: None,
+                    regularisation: lighting::Regularisation::Evidence,
+                    non_negative: true,
+                };
+                let found = lighting::recover(&samples, &self.scene.material, &options)?;
+                let channel = found.channels.first().ok_or_else(no_channel)?;
+                Ok(self.judge_lighting(channel))
+            }
+            Recovered::Brdf => {
+                let options = brdf::Options {
+                    size: BRDF_SIZE,
+                    ..brdf::Options::default()
+                };
+                let found = brdf::recover(&samples, &self.scene.lighting, &options)?;
+                let slice = found.slices.first().ok_or_else(no_channel)?;
+                Ok(self.judge_slice(slice))
+            }
+            Recovered::Both => {
+                let found = factorise::recover(&samples, &factorise::Options::default())?;
+                let channel = found.channels.first().ok_or_else(no_channel)?;
+                Ok(self.judge_factorisation(channel))
+            }
+        }
+    }
+
+    fn judge_lighting(&self, found: &lighting::ChannelEstimate) -> Draw {
+        let truth = self
+            .scene
+            .lighting
+            .series(0, found.spectrum.len().saturating_sub(1));
+        let quantities = found
+            .spectrum
+            .iter()
+            .zip(&truth.coefficients)
+            .enumerate()
+            .flat_map(|(p, (c, t))| {
+                let error = c.value - t;
+                let parts = if p == 0 { 1 } else { 2 };
+                [error.re, error.im]
+                    .into_iter()
+                    .take(parts)
+                    .map(|error| Judged {
+                        error,
+                        sigma: c.sigma,
+                        bound_square: c.bound * c.bound,
+                        determined: c.status == Status::Determined,
+                    })
+            })
+            .collect();
+        Draw {
+            quantities,
+            band: None,
+        }
+    }
+
+    fn judge_slice(&self, found: &brdf::Slice) -> Draw {
+        let truth = self.true_slice();
+        let quantities = cells()
+            .zip(&truth)
+            .map(|(k, truth)| Judged {
+                error: found.reciprocal[k] - truth,
+                sigma: found.sigma[k],
+                bound_square: found.bound[k].powi(2),
+                determined: found.status[k] == Status::Determined,
+            })
+            .collect();
+        let open = found
+            .spectrum
+            .iter()
+            .filter(|c| c.status != Status::Determined)
+            .map(|c| c.p)
+            .min();
+        let highest = found.spectrum.iter().map(|c| c.p).max().unwrap_or(0);
+        let band = usize::try_from(open.map_or(highest, |p| p - 1)).ok();
+        Draw { quantities, band }
+    }
+
+    fn judge_factorisation(&self, found: &factorise::Channel) -> Draw {
+        let truth = self.true_unit_lighting(found.band);
+        let size = 2 * (found.frequencies.len().saturating_sub(1));
+        let mut quantities = Vec::new();
+        for p in 1..=found.band {
+            let error = found.lighting.get(p as i64) - truth.get(p as i64);
+            let position = found.frequencies.iter().position(|&q| q == p);
+            for (part, error) in [error.re, error.im].into_iter().enumerate() {
+                let own = position.and_then(|i| {
+                    let k = 2 * (i - 1) + part;
+                    found.covariance.get(k * size + k)
+                });
+                quantities.push(Judged {
+                    error,
+                    sigma: own.map_or(found.sigma[p] / 2f64.sqrt(), |v| v.sqrt()),
+                    // Filled in for all draws at once: it is that of the truth.
+                    bound_square: f64::INFINITY,
+                    determined: found.status[p] == crate::lighting::Status::Determined,
+                });
+            }
+        }
+        Draw {
+            quantities,
+            band: None,
+        }
+    }
+
+    /// The light's series in the scale L_0 = 1.
+    fn true_unit_lighting(&self, order: usize) -> Series {
+        let mut series = self.scene.lighting.series(0, order);
+        let mean = series.get(0).re;
+        for c in &mut series.coefficients {
+            *c /= mean;
+        }
+        series
+    }
+
+    /// ρ̃ at [`cells`].
+    fn true_slice(&self) -> Vec<f64> {
+        let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / BRDF_SIZE as f64;
+        cells()
+            .map(|k| {
+                let (a, b) = (angle(k / BRDF_SIZE), angle(k % BRDF_SIZE));
+                let rho = self.scene.material.brdfs.first().map_or(0.0, |brdf| {
+                    brdf.value(LocalAngle::radians(a), LocalAngle::radians(b))
+                });
+                rho * a.cos() * b.cos()
+            })
+            .collect()
+    }
+
+    /// Compares all draws with the truth.
+    pub fn tally(&self, draws: Vec<Result<Draw>>) -> Outcome {
+        let mut failures = Vec::new();
+        let mut good: Vec<Draw> = draws
+            .into_iter()
+            .filter_map(|d| d.map_err(|e| failures.push(e.to_string())).ok())
+            .collect();
+        let kept = determined(&good);
+        let mut outcome = match self.cell.recovered {
+            Recovered::Lighting => self.tally_lighting(&good, &kept),
+            Recovered::Brdf => {
+                let weights: Vec<f64> = cells()
+                    .map(|k| {
+                        if k / BRDF_SIZE == k % BRDF_SIZE {
+                            1.0
+                        } else {
+                            2.0
+                        }
+                    })
+                    .collect();
+                let norm = self
+                    .true_slice()
+                    .iter()
+                    .zip(&weights)
+                    .map(|(v, w)| w * v * v)
+                    .sum::<f64>()
+                    .sqrt();
+                let mut outcome = tally(&good, &kept, &weights, norm);
+                outcome.band = good.iter().map(|d| d.band).min().flatten();
+                outcome
+            }
+            Recovered::Both => match self.tally_both(&mut good, &kept) {
+                Ok(outcome) => outcome,
+                Err(e) => {
+                    failures.push(e.to_string());
+                    Outcome::default()
+                }
+            },
+        };
+        outcome.draws = good.len();
+        outcome.failed = self.cell.draws - good.len();
+        outcome.failure = failures.into_iter().next();
+        outcome
+    }
+
+    fn tally_lighting(&self, draws: &[Draw], kept: &[bool]) -> Outcome {
+        // Quantity 0 is L_0, then real and imaginary part of each.
+        let band = kept.iter().rposition(|k| *k).map(|i| i.div_ceil(2));
+        // L_p and L_{−p} have the same error.
+        let weights: Vec<f64> = (0..kept.len())
+            .map(|i| if i == 0 { 1.0 } else { 2.0 })
+            .collect();
+        let truth = self.scene.lighting.series(0, band.unwrap_or(0));
+        let mut outcome = tally(draws, kept, &weights, coefficient_norm(&truth));
+        outcome.band = band;
+        outcome
+    }
+
+    fn tally_both(&self, draws: &mut [Draw], kept: &[bool]) -> Result<Outcome> {
+        let band = kept.iter().rposition(|k| *k).map(|i| i / 2 + 1);
+        // The bound's problem has all frequencies that the fits had.
+        let order = kept.len() / 2;
+        let truth = self.true_unit_lighting(order);
+        let clean = self.scene.samples(self.cell, None);
+        let bound = if order == 0 {
+            Vec::new()
+        } else {
+            factorise::cramer_rao(&clean, 0, &truth, order)?
+        };
+        for draw in draws.iter_mut() {
+            for (i, q) in draw.quantities.iter_mut().enumerate() {
+                // The bound is of the complex number.
+                if let Some(b) = bound.get(i / 2 + 1) {
+                    q.bound_square = 0.5 * b * b;
+                }
+            }
+        }
+        let norm = coefficient_norm(&truth.with_order(band.unwrap_or(0)));
+        let mut outcome = tally(draws, kept, &vec![2.0; kept.len()], norm);
+        outcome.band = band;
+        Ok(outcome)
+    }
+}
+
+/// (Σ_{|p| ≤ order} |L_p|²)^½.
+fn coefficient_norm(series: &Series) -> f64 {
+    series
+        .coefficients
+        .iter()
+        .enumerate()
+        .map(|(p, c)| if p == 0 { 1.0 } else { 2.0 } * c.norm_sqr())
+        .sum::<f64>()
+        .sqrt()
+}
+
+/// The cells of a symmetric slice that are not each other's mirror image.
+fn cells() -> impl Iterator<Item = usize> {
+    (0..BRDF_SIZE).flat_map(|i| (0..=i).map(move |j| i * BRDF_SIZE + j))
+}
+
+fn no_channel() -> Error {
+    Error::failed("the recovery returned no channel")
+}

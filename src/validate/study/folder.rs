@@ -1,0 +1,145 @@
+//! The output folder of a study: finished cells, and the table of them all.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use atomic_write_file::AtomicWriteFile;
+use serde::{Deserialize, Serialize};
+
+use super::{Cell, Outcome};
+use crate::error::{Error, Result};
+
+/// Where finished cells are kept.
+const CELLS: &str = "cells";
+/// The columns of `validation.csv`.
+const COLUMNS: &str =
+    "study,brdf,lighting,noise,views,recovered,band,rmse,bias,bound,ratio,coverage,draws";
+
+/// A finished cell as it is kept.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    version: String,
+    cell: Cell,
+    outcome: Outcome,
+}
+
+/// The output folder of a study.
+#[derive(Clone, Debug)]
+pub struct StudyFolder {
+    path: PathBuf,
+}
+
+impl StudyFolder {
+    /// Opens or makes the folder.
+    ///
+    /// # Errors
+    /// If it cannot be made, or holds anything that no study has left there.
+    pub fn open(path: &Path) -> Result<Self> {
+        if let Ok(mut entries) = fs::read_dir(path)
+            && entries.next().is_some()
+            && !path.join(CELLS).is_dir()
+        {
+            return Err(
+                Error::input("the folder holds files that are not from a validation")
+                    .file(path)
+                    .advice("Give another folder with --out."),
+            );
+        }
+        let cells = path.join(CELLS);
+        fs::create_dir_all(&cells).map_err(|e| Error::write(&cells, e))?;
+        Ok(Self {
+            path: path.to_path_buf(),
+        })
+    }
+
+    /// The outcome of a cell that was finished before, with the same definition and the same version.
+    ///
+    /// # Errors
+    /// If the cell's definition has no name, that is, never.
+    pub fn read(&self, cell: &Cell) -> Result<Option<Outcome>> {
+        // TOML, because its numbers come back to the last bit.
+        let Ok(text) = fs::read_to_string(self.file(cell)?) else {
+            return Ok(None);
+        };
+        let kept: Option<Kept> = toml::from_str(&text).ok();
+        Ok(kept
+            .filter(|k| k.version == env!("CARGO_PKG_VERSION") && k.cell == *cell)
+            .map(|k| k.outcome))
+    }
+
+    /// Keeps a finished cell.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, cell: &Cell, outcome: &Outcome) -> Result<()> {
+        let kept = Kept {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            cell: cell.clone(),
+            outcome: outcome.clone(),
+        };
+        let text = toml::to_string(&kept)
+            .map_err(|e| Error::failed(format!("a cell cannot be written as TOML: {e}")))?;
+        write_whole(&self.file(cell)?, &text)
+    }
+
+    /// Writes a file of the study's result, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn product(&self, name: &str, text: &str) -> Result<()> {
+        write_whole(&self.path.join(name), text)
+    }
+
+    fn file(&self, cell: &Cell) -> Result<PathBuf> {
+        let text = toml::to_string(cell)
+            .map_err(|e| Error::failed(format!("a cell cannot be written as TOML: {e}")))?;
+        let hash = blake3::hash(text.as_bytes()).to_hex();
+        let name = format!(
+            "{}-{}-{}-{}.toml",
+            cell.recovered.word(),
+            cell.brdf,
+            cell.lighting,
+            hash.get(..16).unwrap_or_default()
+        );
+        Ok(self.path.join(CELLS).join(name))
+    }
+}
+
+fn write_whole(path: &Path, text: &str) -> Result<()> {
+    let mut file = AtomicWriteFile::open(path).map_err(|e| Error::write(path, e))?;
+    file.write_all(text.as_bytes())
+        .map_err(|e| Error::write(path, e))?;
+    file.commit().map_err(|e| Error::write(path, e))
+}
+
+/// `validation.csv`: a row per cell. A number that does not exist is an empty field.
+pub fn csv(cells: &[(Cell, Outcome)]) -> String {
+    let mut out = format!("{COLUMNS}\n");
+    let number = |v: Option<f64>| {
+        v.filter(|v| v.is_finite())
+            .map(|v| v.to_string())
+            .unwrap_or_default()
+    };
+    for (cell, o) in cells {
+        let _ = writeln!(
+            out,
+            "{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            cell.study,
+            cell.brdf,
+            cell.lighting,
+            cell.noise,
+            cell.views,
+            cell.recovered.word(),
+            o.band.map(|b| b.to_string()).unwrap_or_default(),
+            number(o.rmse),
+            number(o.bias),
+            number(o.bound),
+            number(o.ratio()),
+            number(o.coverage),
+            o.draws
+        );
+    }
+    out
+}

@@ -1,0 +1,206 @@
+//! `flatlight validate`: a table of true errors, the same at any number of threads, and resumable.
+
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use flatlight::validate::study::{Recovered, StudyRecipe};
+
+const COLUMNS: &str =
+    "study,brdf,lighting,noise,views,recovered,band,rmse,bias,bound,ratio,coverage,draws";
+
+const RECIPE: &str = r#"
+format = 1
+seed = 7
+[brdf.shiny]
+model = "phong"
+diffuse = 0.3
+specular = 0.7
+exponent = 32
+[lighting.suns]
+sources = [{ theta_deg = 37.3, irradiance = 3.0 }, { theta_deg = -104.6, irradiance = 1.1 }]
+uniform = 0.05
+[lighting.random-8]
+random_order = 8
+[[study]]
+name = "l"
+recover = "lighting"
+brdf = ["shiny"]
+lighting = ["suns", "random-8"]
+noise = [0.01]
+views = [48]
+locals = 30
+draws = 12
+default = { lighting = ["random-8"] }
+[[study]]
+name = "b"
+recover = "brdf"
+brdf = ["shiny"]
+lighting = ["suns"]
+noise = [0.01]
+views = [72]
+locals = 60
+draws = 2
+default = {}
+[[study]]
+name = "f"
+recover = "both"
+brdf = ["shiny"]
+lighting = ["random-8"]
+noise = [0.001, 0.01]
+views = [120]
+locals = 40
+draws = 40
+default = {}
+"#;
+
+fn validate(recipe: &Path, out: &Path, extra: &[&str]) -> Output {
+    Command::cargo_bin("flatlight")
+        .expect("the program")
+        .arg("validate")
+        .arg(recipe)
+        .arg("--out")
+        .arg(out)
+        .args(extra)
+        .output()
+        .expect("it runs")
+}
+
+fn rows(csv: &str) -> Vec<Vec<String>> {
+    let mut lines = csv.lines();
+    assert_eq!(lines.next(), Some(COLUMNS));
+    lines
+        .map(|l| l.split(',').map(str::to_owned).collect())
+        .collect()
+}
+
+#[test]
+fn a_study_is_true_repeatable_and_resumable() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recipe = folder.path().join("study.toml");
+    fs::write(&recipe, RECIPE).expect("a recipe");
+    let out = |name: &str| folder.path().join(name);
+    let csv = |name: &str| fs::read_to_string(out(name).join("validation.csv")).expect("a table");
+
+    let first = validate(&recipe, &out("one"), &["--threads", "1"]);
+    assert!(
+        first.status.success(),
+        "{}",
+        String::from_utf8_lossy(&first.stderr)
+    );
+    assert!(
+        validate(&recipe, &out("three"), &["--threads", "3"])
+            .status
+            .success()
+    );
+    assert_eq!(csv("one"), csv("three"), "to the last digit");
+
+    let table = rows(&csv("one"));
+    assert_eq!(table.len(), 4);
+    let number = |row: &[String], column: &str| -> f64 {
+        let k = COLUMNS
+            .split(',')
+            .position(|c| c == column)
+            .expect("a column");
+        row[k].parse().expect("a number")
+    };
+    for row in &table {
+        assert_eq!(row.len(), 13);
+        assert!(number(row, "rmse") > 0.0 && number(row, "bound") > 0.0);
+        assert!(number(row, "bias") <= number(row, "rmse") * (1.0 + 1e-12));
+        let ratio = number(row, "rmse") / number(row, "bound");
+        assert!((number(row, "ratio") - ratio).abs() < 1e-12 * ratio);
+    }
+    // 40 draws of 16 parts: the rms of an efficient estimate scatters by 1/√(2·640) = 2.8 % about the bound, and
+    // its coverage by √(0.05·0.95/640) = 0.9 %; four of those, beside the 25 % that are allowed.
+    for row in &table[2..] {
+        assert!((0.85..1.4).contains(&number(row, "ratio")), "{row:?}");
+        assert!(number(row, "coverage") > 0.90, "{row:?}");
+    }
+    // The bound is proportional to the noise. The band is the same: all 8 frequencies of the light rise far above it.
+    assert_eq!((&table[2][6], &table[3][6]), (&"8".into(), &"8".into()));
+    let growth = number(&table[3], "bound") / number(&table[2], "bound");
+    assert!((growth - 10.0).abs() < 1e-6, "{growth}");
+    let page = fs::read_to_string(out("one").join("report.html")).expect("a report");
+    assert!(page.contains("shiny") && page.contains("</html>") && !page.contains("http://"));
+
+    // A finished cell is taken as it is, a lost one is made again.
+    let kept: Vec<_> = fs::read_dir(out("one").join("cells"))
+        .expect("cells")
+        .map(|e| e.expect("an entry").path())
+        .collect();
+    let of = |word: &str| {
+        kept.iter()
+            .find(|p| {
+                p.file_name()
+                    .is_some_and(|n| n.to_string_lossy().starts_with(word))
+            })
+            .expect("a cell")
+    };
+    let marked = of("brdf");
+    let text = fs::read_to_string(marked).expect("a cell");
+    let changed: String = text
+        .lines()
+        .map(|l| {
+            if l.starts_with("rmse = ") {
+                "rmse = 0.125"
+            } else {
+                l
+            }
+        })
+        .map(|l| format!("{l}\n"))
+        .collect();
+    assert_ne!(text, changed);
+    fs::write(marked, changed).expect("a change");
+    fs::remove_file(of("lighting")).expect("a loss");
+    assert!(validate(&recipe, &out("one"), &[]).status.success());
+    let again = rows(&csv("one"));
+    assert_eq!(again[1][7], "0.125");
+    assert_eq!(again[0], table[0]);
+
+    // The whole recipe has one cell more, and finds the others done.
+    assert!(validate(&recipe, &out("one"), &["--full"]).status.success());
+    let full = rows(&csv("one"));
+    assert_eq!(full.len(), 5);
+    assert_eq!(full[1], table[0]);
+}
+
+#[test]
+fn wrong_requests_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recipe = folder.path().join("study.toml");
+    let out = folder.path().join("out");
+    fs::write(&recipe, RECIPE.replace("\"shiny\"]", "\"shinny\"]")).expect("a recipe");
+    let output = validate(&recipe, &out, &[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("Did you mean \"shiny\"?"));
+    assert!(!out.exists());
+
+    fs::write(&recipe, RECIPE).expect("a recipe");
+    let output = validate(&recipe, folder.path(), &[]);
+    assert_eq!(output.status.code(), Some(2), "a folder with other files");
+    let output = validate(&folder.path().join("none.toml"), &out, &[]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn the_recipe_that_ships_has_every_recovery_in_both_sizes() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("pipelines/validate.toml");
+    let recipe = StudyRecipe::read(&file).expect("it reads");
+    for full in [false, true] {
+        let cells = recipe.plan(full).cells;
+        for recovered in [Recovered::Lighting, Recovered::Brdf, Recovered::Both] {
+            assert!(cells.iter().any(|c| c.recovered == recovered));
+        }
+    }
+    // 8 surfaces × 3 lightings × 3 noises, for each recovery.
+    let full = recipe.plan(true).cells;
+    for recovered in [Recovered::Lighting, Recovered::Brdf, Recovered::Both] {
+        let count = full
+            .iter()
+            .filter(|c| c.recovered == recovered && c.arc_deg == 360.0)
+            .count();
+        assert_eq!(count, 72);
+    }
+}
