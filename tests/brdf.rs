@@ -7,7 +7,7 @@ use flatlight::light_field::Samples;
 use flatlight::lighting::Lighting;
 use flatlight::pipeline::{Folder, Recipe, Run, Silent, Verdict, execute};
 use flatlight::recover::{Status, brdf};
-use flatlight::{Grid, Result};
+use flatlight::{Grid, Result, report};
 
 const DIFFUSE: [f64; 3] = [0.3, 0.22, 0.15];
 const SPECULAR: [f64; 3] = [0.4, 0.4, 0.38];
@@ -100,7 +100,9 @@ fn two_known_suns_and_a_fill_give_the_slice() {
 /// What is written reads back: the same values, an empty field where nothing is known.
 fn products_are_complete(run: &Run) -> Result<()> {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    Folder::new(folder.path()).write(run, "<html></html>")?;
+    let page = report::page(run)?;
+    Folder::new(folder.path()).write(run, &page)?;
+    the_report_can_be_rebuilt(run, &page, folder.path())?;
     let brdf = run.brdf.as_ref().expect("a slice");
     let table = flatlight::brdf::SliceTable::read(&folder.path().join("brdf.csv"))?;
     assert_eq!(table.channels, ["R", "G", "B"]);
@@ -128,6 +130,26 @@ fn products_are_complete(run: &Run) -> Result<()> {
         "summary.json",
     ] {
         assert!(folder.path().join(name).exists(), "{name}");
+    }
+    Ok(())
+}
+
+/// From images in f32 and everything else as it was.
+fn the_report_can_be_rebuilt(run: &Run, page: &str, folder: &Path) -> Result<()> {
+    let again = Folder::new(folder).read()?;
+    let [was, is] = [run, &again].map(|r| r.brdf.as_ref().expect("a slice"));
+    for (a, b) in was.slices.iter().zip(&is.slices) {
+        assert_eq!(a.status, b.status);
+        for (k, status) in a.status.iter().enumerate() {
+            // ρ and the cosines that it is multiplied with are rounded to 6e-8 each.
+            let near = (a.reciprocal[k] / b.reciprocal[k] - 1.0).abs() < 1e-6;
+            assert!(near || *status == Status::Indeterminate || a.reciprocal[k].abs() < 1e-30);
+        }
+    }
+    let rebuilt = report::page(&again)?;
+    for mark in ["<figure ", "<tr>", "<path class=\"line"] {
+        let count = |page: &str| page.matches(mark).count();
+        assert_eq!(count(&rebuilt), count(page), "{mark}");
     }
     Ok(())
 }

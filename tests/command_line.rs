@@ -119,6 +119,7 @@ fn a_run_answers_leaves_every_product_and_says_what_to_open() {
             "recipe.toml",
             "report.html",
             "residual.exr",
+            "run.json",
             "summary.json",
         ]
     );
@@ -173,7 +174,7 @@ fn products_are_the_same_at_any_thread_count() {
     let (one, many) = (contents(one.path()), contents(many.path()));
     for (name, bytes) in &one {
         // These tell how long the stages took.
-        if !["report.html", "summary.json", "provenance.json"].contains(&name.as_str()) {
+        if !["report.html", "summary.json", "run.json", "provenance.json"].contains(&name.as_str()) {
             assert!(many.get(name) == Some(bytes), "{name}");
         }
     }

@@ -5,6 +5,7 @@ mod init;
 mod paper;
 mod prefilter;
 mod progress;
+mod report;
 mod run;
 mod say;
 mod simulate;
@@ -74,6 +75,12 @@ enum Command {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// The report again, from what a run left in its folder
+    #[command(after_help = "Example:\n  flatlight report out/\n  then open out/report.html")]
+    Report {
+        /// The folder that `flatlight run` wrote
+        run: PathBuf,
+    },
     /// A synthetic capture set with its truth, with a real camera's faults
     #[command(
         after_help = "Example:\n  flatlight simulate pipelines/simulate.toml --out set/\n  flatlight run set/recipe.toml --capture set/ --out out/"
@@ -128,6 +135,7 @@ pub fn main() -> ExitCode {
         } => run::run(recipe, capture, out, *force, &arguments.common),
         Command::Init { folder } => init::run(folder, &arguments.common),
         Command::Check { capture } => check::run(capture, &arguments.common),
+        Command::Report { run } => report::run(run, &arguments.common),
         Command::Simulate { recipe, out, force } => {
             simulate::run(recipe, out, *force, &arguments.common)
         }

@@ -8,4 +8,5 @@ mod series;
 mod transform;
 
 pub use series::Series;
+pub(crate) use series::or_infinite;
 pub use transform::CircleTransform;

@@ -80,3 +80,11 @@ impl Series {
         Self { coefficients }
     }
 }
+
+/// Reads a number that JSON, which has no infinity, holds as `null`.
+///
+/// # Errors
+/// If it is neither a number nor null.
+pub(crate) fn or_infinite<'de, D: serde::Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(from)?.unwrap_or(f64::INFINITY))
+}

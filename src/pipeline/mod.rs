@@ -11,6 +11,7 @@ mod preview;
 mod products;
 mod progress;
 mod recipe;
+mod record;
 mod run;
 mod scale;
 mod spectrum;

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::joint::ChannelGauge;
 use super::run::Run;
-use super::{brdf_products, material};
+use super::{brdf_products, material, record};
 use crate::angle::WorldAngle;
 use crate::brdf::fit::BrdfModels;
 use crate::error::{Error, Result};
@@ -57,6 +57,7 @@ pub fn products<'a>(run: &'a Run, report: &'a str) -> Vec<Product<'a>> {
     let mut products = vec![
         Product::bytes("report.html", move || Ok(report.as_bytes().to_vec())),
         Product::bytes("summary.json", move || Ok(pretty(&summary(run)))),
+        Product::bytes(record::RECORD, move || record::text(run)),
         Product::bytes("recipe.toml", move || {
             Ok(run.recipe_toml.clone().into_bytes())
         }),
@@ -349,6 +350,31 @@ impl Folder {
             .advice("Give another folder with --out, or --force to write into this one."))
     }
 
+    /// The run that the folder holds, as far as a report needs it.
+    ///
+    /// # Errors
+    /// If a file is missing, damaged, or of another version of this program.
+    pub fn read(&self) -> Result<Run> {
+        record::read_back(&self.path)
+    }
+
+    /// Replaces the report of the run that the folder holds.
+    ///
+    /// # Errors
+    /// If a file cannot be read or written; the former report is whole then.
+    pub fn replace_report(&self, report: &str) -> Result<()> {
+        let path = self.path.join(PROVENANCE);
+        let bytes = fs::read(&path).map_err(|e| Error::read(&path, e))?;
+        let mut held: Provenance =
+            serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e))?;
+        held.products
+            .insert("report.html".into(), hash(report.as_bytes()));
+        let text = serde_json::to_value(&held)
+            .map_err(|e| Error::failed(format!("provenance cannot be written as JSON: {e}")))?;
+        write_whole(&self.path.join("report.html"), report.as_bytes())?;
+        write_whole(&path, &pretty(&text))
+    }
+
     /// Writes all products: first into a folder of their own beside the final names, then each to its
     /// name, `provenance.json` last.
     ///
@@ -418,7 +444,7 @@ impl Folder {
 const STAGING: &str = ".flatlight-partial";
 
 /// Every name a product can have.
-const ALL_PRODUCTS: [&str; 13] = [
+const ALL_PRODUCTS: [&str; 14] = [
     "report.html",
     "summary.json",
     "recipe.toml",
@@ -427,12 +453,23 @@ const ALL_PRODUCTS: [&str; 13] = [
     "lighting.csv",
     "lighting_spectrum.csv",
     "lighting.exr",
+    "run.json",
     "brdf.csv",
     "brdf_spectrum.csv",
     "brdf.exr",
     "brdf_models.json",
     "residual.exr",
 ];
+
+/// Writes a file whole or not at all.
+fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    let attempt = || -> std::io::Result<()> {
+        let mut file = atomic_write_file::AtomicWriteFile::open(path)?;
+        std::io::Write::write_all(&mut file, bytes)?;
+        file.commit()
+    };
+    attempt().map_err(|e| Error::write(path, e))
+}
 
 fn hash(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()

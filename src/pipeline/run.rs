@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::fit::FitQuality;
 use super::joint::ChannelGauge;
 use crate::brdf::fit::BrdfModels;
+use crate::grid::Grid;
 use crate::light_field::{LightField, Part};
 use crate::recover::brdf::BrdfEstimate;
 use crate::recover::lighting::LightingEstimate;
@@ -44,8 +45,8 @@ pub struct Recovered {
     pub warnings: Vec<String>,
 }
 
-/// The results of one run.
-#[derive(Clone, Debug)]
+/// The results of one run. Serialised without its images, which are products of their own.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Run {
     /// Title of the report.
     pub title: String,
@@ -68,12 +69,15 @@ pub struct Run {
     /// A few photos for the eye.
     pub previews: Vec<Preview>,
     /// The measured light field.
+    #[serde(skip, default = "nothing_seen")]
     pub light_field: LightField,
     /// Spectrum of the measured light field, per channel.
     pub spectrum: Vec<Spectrum>,
     /// Measured minus predicted light field; its σ and weight are the measurement's.
+    #[serde(skip)]
     pub residual: Option<LightField>,
     /// Measured minus predicted for each photo's strip, a row per view.
+    #[serde(skip)]
     pub view_residual: Option<Part>,
     /// How well the recovery explains the samples, per channel; empty without one.
     pub fit: Vec<FitQuality>,
@@ -95,6 +99,42 @@ pub struct Run {
     pub input_hashes: BTreeMap<String, String>,
     /// Version of this program.
     pub version: String,
+}
+
+fn nothing_seen() -> LightField {
+    let grid = Grid {
+        normals: 0,
+        locals: 0,
+    };
+    LightField::empty(grid, Vec::new())
+}
+
+/// Bytes as text, two hexadecimal digits each.
+mod hexadecimal {
+    use std::fmt::Write as _;
+
+    use serde::{Deserialize as _, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(bytes: &[u8], to: S) -> Result<S::Ok, S::Error> {
+        let mut text = String::with_capacity(2 * bytes.len());
+        for byte in bytes {
+            let _ = write!(text, "{byte:02x}");
+        }
+        to.serialize_str(&text)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<u8>, D::Error> {
+        let text = String::deserialize(from)?;
+        let digit = |d: u8| char::from(d).to_digit(16);
+        text.as_bytes()
+            .chunks(2)
+            .map(|pair| match pair {
+                [a, b] => Some((16 * digit(*a)? + digit(*b)?) as u8),
+                _ => None,
+            })
+            .collect::<Option<_>>()
+            .ok_or_else(|| serde::de::Error::custom("expected pairs of hexadecimal digits"))
+    }
 }
 
 /// What was found in one view.
@@ -124,6 +164,7 @@ pub struct Preview {
     /// Width and height of the preview, preview pixels.
     pub size: [u32; 2],
     /// sRGB bytes, row-major, 3 per pixel, tone-mapped for the eye.
+    #[serde(with = "hexadecimal")]
     pub rgb: Vec<u8>,
     /// Photo pixels per preview pixel.
     pub scale: f64,

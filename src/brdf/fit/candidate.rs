@@ -71,6 +71,23 @@ impl Brdf for Layered {
     }
 }
 
+/// A fitted model from its name and its parameters; `None` if one is missing.
+pub(super) fn built(model: &str, parameters: &[FittedParameter]) -> Option<Arc<dyn Brdf>> {
+    let value = |name: &str| parameters.iter().find(|p| p.name == name).map(|p| p.value);
+    Family::ALL
+        .into_iter()
+        .filter(|family| family.name() == model)
+        .find_map(|family| {
+            let values: Option<Vec<f64>> =
+                family.parameters().iter().map(|p| value(p.name)).collect();
+            Some(Arc::new(Layered {
+                lambert: value("lambert").unwrap_or(0.0),
+                scale: value("scale").unwrap_or(1.0),
+                base: family.build(&values?),
+            }) as Arc<dyn Brdf>)
+        })
+}
+
 /// A model to be fitted.
 #[derive(Clone, Debug)]
 pub(super) struct Candidate {

@@ -6,9 +6,9 @@ mod minimise;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use super::{Brdf, SliceTable};
+use super::{Brdf, Lambertian, SliceTable};
 use crate::angle::LocalAngle;
 use crate::{Error, Result};
 use candidate::Candidate;
@@ -46,7 +46,7 @@ impl Default for FitOptions {
 }
 
 /// A parameter as fitted.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FittedParameter {
     /// Its key in a recipe; `lambert` for a Lambertian albedo added to a model that has none, `scale` for a factor on the whole model.
     pub name: String,
@@ -58,7 +58,7 @@ pub struct FittedParameter {
 }
 
 /// One model's best fit.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ModelFit {
     /// Name of the model as in a recipe.
     pub model: String,
@@ -75,12 +75,12 @@ pub struct ModelFit {
     /// Schwarz' Bayesian criterion: smaller is better.
     pub bic: f64,
     /// The fitted BRDF.
-    #[serde(skip)]
+    #[serde(skip, default = "black")]
     pub brdf: Arc<dyn Brdf>,
 }
 
 /// All models' fits in one channel.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ChannelModels {
     /// Channel name.
     pub channel: String,
@@ -95,14 +95,37 @@ pub struct ChannelModels {
 }
 
 /// The content of `brdf_models.json`.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct BrdfModels {
     /// Version of the file's layout.
     pub format: u32,
     /// Unit of ρ.
-    pub unit: &'static str,
+    pub unit: String,
     /// Per channel.
     pub channels: Vec<ChannelModels>,
+}
+
+/// What a fit holds before [`BrdfModels::restore`].
+fn black() -> Arc<dyn Brdf> {
+    Arc::new(Lambertian { albedo: 0.0 })
+}
+
+impl BrdfModels {
+    /// Builds the fitted BRDFs again from their names and parameters, after models were read from a file.
+    ///
+    /// # Errors
+    /// If a model has an unknown name or lacks a parameter.
+    pub fn restore(&mut self) -> Result<()> {
+        for fit in self.channels.iter_mut().flat_map(|c| &mut c.fits) {
+            fit.brdf = candidate::built(&fit.model, &fit.parameters).ok_or_else(|| {
+                Error::input(format!(
+                    "expected a known model with all its parameters, found \"{}\"",
+                    fit.model
+                ))
+            })?;
+        }
+        Ok(())
+    }
 }
 
 /// Fits every model to every channel of a table. Without σ columns all cells weigh the same in ρ cos cos.
@@ -121,7 +144,7 @@ pub fn fit_table(table: &SliceTable, options: FitOptions) -> Result<BrdfModels> 
         .collect::<Result<_>>()?;
     Ok(BrdfModels {
         format: 1,
-        unit: "1/sr",
+        unit: "1/sr".into(),
         channels,
     })
 }

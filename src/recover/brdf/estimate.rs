@@ -3,13 +3,14 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
 
 use super::evidence::CurvePoint;
 use super::prior::Smoothness;
 use crate::lighting::Status;
 
 /// The recovered in-plane slice, one per channel.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct BrdfEstimate {
     /// Channel names.
     pub channels: Vec<String>,
@@ -21,19 +22,23 @@ pub struct BrdfEstimate {
     pub warnings: Vec<String>,
 }
 
-/// One channel of a [`BrdfEstimate`]. Grid arrays are \[θi′\]\[θo′\], row-major, size², and symmetric; all are of
+/// One channel of a [`BrdfEstimate`]. Serialised without its arrays, which are images. Grid arrays are \[θi′\]\[θo′\], row-major, size², and symmetric; all are of
 /// ρ̃ = ρ cos θi′ cos θo′ in sr⁻¹.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Slice {
     /// ρ̃; where the status is [`Status::Indeterminate`] it is what the prior makes of nothing, not a
     /// measurement.
+    #[serde(skip)]
     pub reciprocal: Vec<f64>,
     /// Posterior standard deviation; includes what smoothing may have taken away.
+    #[serde(skip)]
     pub sigma: Vec<f64>,
     /// Cramér–Rao bound of the problem without smoothness prior, at the resolution of the splines; very large where the samples
     /// alone do not determine the value.
+    #[serde(skip)]
     pub bound: Vec<f64>,
     /// Status of each cell.
+    #[serde(skip)]
     pub status: Vec<Status>,
     /// ρ̃_{p,q} for p ≥ |q|.
     pub spectrum: Vec<Coefficient>,
@@ -56,7 +61,7 @@ pub struct Slice {
 }
 
 /// One Fourier coefficient ρ̃_{p,q} (eq. 6 in both angles).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Coefficient {
     /// Frequency in θi′, ≥ 0.
     pub p: i32,

@@ -4,6 +4,7 @@ use faer::Mat;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
 
 use super::information::Information;
 use super::prior::{Factor, Penalties, Relief, Smoothness};
@@ -21,7 +22,7 @@ const ROUNDS: usize = 14;
 const RELIEF: f64 = 0.1;
 
 /// One point of the regularisation curve.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
     /// The chosen weights of the prior times this.
     pub factor: f64,

@@ -3,6 +3,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use faer::{Mat, Side};
+use serde::{Deserialize, Serialize};
 
 use super::basis::Basis;
 use crate::{Error, Result};
@@ -14,7 +15,7 @@ use crate::{Error, Result};
 /// lengths (across/amplitude)^⅙ and (along/amplitude)^⅙ radians. A mirror lobe makes the second long, a
 /// retro-reflective one the first. Third derivatives, because lobes are smooth at small scales: with second ones the
 /// error under 1 % noise was twice as large, and σ wider than it need be.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Smoothness {
     /// sr², per rad².
     pub amplitude: f64,

@@ -7,7 +7,7 @@ use crate::fourier::Series;
 use crate::recover::Status;
 
 /// Recovered lighting, all channels.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightingEstimate {
     /// One estimate per channel, in the samples' order.
     pub channels: Vec<ChannelEstimate>,
@@ -16,7 +16,7 @@ pub struct LightingEstimate {
 }
 
 /// Recovered lighting of one channel.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelEstimate {
     /// Channel name.
     pub name: String,
@@ -43,7 +43,7 @@ pub struct ChannelEstimate {
 }
 
 /// One recovered Fourier coefficient (eq. 6).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Coefficient {
     /// L_p.
     pub value: Complex64,
@@ -51,6 +51,7 @@ pub struct Coefficient {
     pub sigma: f64,
     /// Cramér–Rao bound of that standard deviation without any prior; infinite if the data say
     /// nothing.
+    #[serde(deserialize_with = "crate::fourier::or_infinite")]
     pub bound: f64,
     /// What the data say about it.
     pub status: Status,
