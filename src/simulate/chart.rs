@@ -294,14 +294,17 @@ mod tests {
                 // edge of the light crosses the horizon of a metal, the second derivative jumps by ΔL times
                 // the slope of ρ cos θi there: 3 · 100 at 80° and 3 · 1000 at the limb for this one, of
                 // which h²/20 at π/512 is 6e-4 and 6e-3 of a largest value of 6.
-                let limits = match (lights, material.contains("conductor")) {
-                    ("window", true) => [2e-4, 2e-3],
+                // Under a coat the light that enters falls to nothing within the last degrees, which the spacing
+                // does not resolve: 3e-3 is what it costs there, and it is the chart's worst case.
+                let limits = match (lights, material) {
+                    ("window", m) if m.contains("conductor") => [2e-4, 2e-3],
+                    (_, m) if m.contains("dielectric") => [4e-3, 4e-3],
                     _ => [5e-5, 5e-5],
                 };
                 for (worst, limit) in worst.iter().zip(limits) {
                     assert!(
                         *worst < limit * largest,
-                        "{material} under {lights}, {shape:?}: {worst:e} of {largest}"
+                        "{material} under {lights}, {shape:?}: {worst:e} of {largest}, at most {limit:e}"
                     );
                 }
             }
