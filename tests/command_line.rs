@@ -174,7 +174,8 @@ fn products_are_the_same_at_any_thread_count() {
     let (one, many) = (contents(one.path()), contents(many.path()));
     for (name, bytes) in &one {
         // These tell how long the stages took.
-        if !["report.html", "summary.json", "run.json", "provenance.json"].contains(&name.as_str()) {
+        if !["report.html", "summary.json", "run.json", "provenance.json"].contains(&name.as_str())
+        {
             assert!(many.get(name) == Some(bytes), "{name}");
         }
     }
