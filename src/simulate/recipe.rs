@@ -380,7 +380,8 @@ fn output(section: &Section<'_>, sensor: &Sensor, channels: &[String]) -> Output
         }
     }
     let exposures_s = section.number_list("exposures_s").unwrap_or(vec![1.0]);
-    if exposures_s.len() > MOST_EXPOSURES || exposures_s.iter().any(|t| !(*t > 0.0)) {
+    if !(1..=MOST_EXPOSURES).contains(&exposures_s.len()) || exposures_s.iter().any(|t| !(*t > 0.0))
+    {
         let what = format!("expected 1 to {MOST_EXPOSURES} exposure times above 0, in seconds");
         section.fault("exposures_s", what, None);
     }

@@ -31,6 +31,8 @@ const MOST_SPLITS: usize = 2;
 const SPLIT: f64 = 0.035;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
+/// Rounds of directions under held priors and priors for held directions, at the most.
+const ROUNDS: usize = 3;
 /// Gauss–Newton steps under one prior, at the most.
 const STEPS: usize = 8;
 /// Standard deviation of a direction (radians) beyond which the data do not guide it.
@@ -300,20 +302,18 @@ impl Mixture {
             .iter()
             .map(|c| Strength::Held(SpectralPrior::flat(SHARP * c.mean_light)))
             .collect();
-        let pinned = Self::descended(samples, channels, directions, &sharp)?;
-        let chosen = Self::fitted(
-            samples,
-            channels,
-            &pinned,
-            &vec![Strength::Chosen(regularisation); channels.len()],
-        )?;
-        let held: Vec<Strength> = chosen
-            .fits
-            .iter()
-            .map(|f| Strength::Held(f.prior))
-            .collect();
-        let settled = Self::descended(samples, channels, &pinned, &held)?;
+        let mut settled = Self::descended(samples, channels, directions, &sharp)?;
         let mut mixture = Self::with_directions(samples, channels, &settled, regularisation)?;
+        // The better the directions, the less is left for the smooth light, and the other way round.
+        for _ in 0..ROUNDS {
+            let priors: Vec<SpectralPrior> = mixture.fits.iter().map(|f| f.prior).collect();
+            let held: Vec<Strength> = priors.iter().map(|&p| Strength::Held(p)).collect();
+            settled = Self::descended(samples, channels, &settled, &held)?;
+            mixture = Self::with_directions(samples, channels, &settled, regularisation)?;
+            if mixture.fits.iter().map(|f| f.prior).eq(priors) {
+                break;
+            }
+        }
         let steps = mixture.direction_steps(samples, channels);
         // Laplace's approximation for each direction, with all directions equally likely before.
         for (_, sigma) in &steps {

@@ -45,6 +45,8 @@ pub const WEAK: f64 = 0.5;
 /// Smallest response |H_p| that is trusted, relative to |H_0|: no BRDF is known better, and below it the
 /// model's errors pass for light.
 const RESPONSE_FLOOR: f64 = 2e-4;
+/// Irradiance, relative to the brightest, below which a peak is not tried as a source.
+const FAINTEST: f64 = 5e-3;
 /// Values of L(θ) in the products: every 0.5° from −180°.
 pub const TABLE: usize = 720;
 /// Largest frequency of the model unless the recipe names one. A lobe of width w (2σ if it were a
@@ -289,6 +291,8 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
         peaks.push((total, wrap(theta)));
     }
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let brightest = peaks.first().map_or(0.0, |peak| peak.0);
+    peaks.retain(|peak| peak.0 > FAINTEST * brightest);
     Ok(peaks.into_iter().map(|(_, theta)| theta).collect())
 }
 
