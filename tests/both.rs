@@ -123,7 +123,6 @@ fn a_metal_under_two_suns_gives_light_and_material() {
 
 /// A diffuse surface passes hardly any odd frequency of the light (eq. 22): they are named, not invented.
 #[test]
-#[ignore = "fails: on these photographs p = 5 of the blue channel is called determined"]
 fn a_lambertian_surface_leaves_odd_frequencies_undetermined() {
     let run = run("lambertian-smooth", "");
     for channel in &run.lighting.as_ref().expect("a light").channels {

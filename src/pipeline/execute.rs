@@ -148,13 +148,17 @@ impl Task<'_> {
             scale: recipe.scale.resolve(&samples.channels)?,
             refine: true,
         };
-        let found = factorise::recover(samples, &options)?;
+        let mut found = factorise::recover(samples, &options)?;
         clock.lap("factorisation");
         self.progress.step();
         // The slice under the light that is determined, from what that light did.
         let light = joint::determined_light(&found);
         let (part, widened) = joint::determined_part(&found, samples);
-        let estimate = brdf::recover(&widened, &light, &material::options(&recipe.recovery)?)?;
+        let mut options = material::options(&recipe.recovery)?;
+        let band = found.channels.iter().map(|c| c.band).max();
+        options.order = options.order.max(band.unwrap_or(0));
+        let estimate = brdf::recover(&widened, &light, &options)?;
+        joint::retract_unseen(&mut found, &estimate);
         clock.lap("BRDF");
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");

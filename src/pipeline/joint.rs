@@ -14,6 +14,7 @@ use crate::fourier::Series;
 use crate::light_field::Samples;
 use crate::lighting::Lighting;
 use crate::recover::Status;
+use crate::recover::brdf::BrdfEstimate;
 use crate::recover::factorise::{Channel, Factorisation};
 use crate::recover::lighting::{
     ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, TABLE,
@@ -154,6 +155,36 @@ pub fn determined_light(found: &Factorisation) -> Lighting {
         }
     }
     light
+}
+
+/// How many σ a coefficient of the slice must have to show that the surface passes its frequency.
+const SHOWS: f64 = 5.0;
+
+/// Takes back what was said of frequencies that do not show in the light field and that the slice does not show to
+/// pass either: they may be dark or invisible, and nothing tells which.
+///
+/// The factorisation calls them dark where its own ρ̃ passes them; but what that ρ̃ is there rests on no data, and only
+/// the slice, fitted with its σ, says so.
+pub fn retract_unseen(found: &mut Factorisation, slice: &BrdfEstimate) {
+    for (channel, slice) in found.channels.iter_mut().zip(&slice.slices) {
+        let passes = |p: usize| {
+            slice.spectrum.iter().any(|c| {
+                [c.p, c.q].map(|f| f.unsigned_abs() as usize).contains(&p)
+                    && c.value.norm() > SHOWS * c.sigma
+            })
+        };
+        let mean = channel.lighting.get(0).re;
+        for p in 1..=channel.band {
+            if !channel.frequencies.contains(&p)
+                && channel.status[p] != Status::Indeterminate
+                && !passes(p)
+            {
+                channel.status[p] = Status::Indeterminate;
+                channel.lighting.coefficients[p] = Complex64::ZERO;
+                channel.sigma[p] = mean;
+            }
+        }
+    }
 }
 
 /// The light as a lighting recovery gives it: a table with σ and a spectrum with status.
