@@ -1,6 +1,7 @@
 //! From photographs' samples to the light field B(α, θo′) with mean, σ and weight.
 
 mod columns;
+mod dust;
 mod field;
 mod file;
 mod gridding;

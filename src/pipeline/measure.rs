@@ -238,6 +238,29 @@ fn find_outline(
     }
 }
 
+/// Some rows of a view as far as its masks let them be used, and the outline in them.
+fn photographed(
+    capture: &Capture,
+    camera: &CameraModel,
+    view: usize,
+    rows: Range<u32>,
+) -> Result<(Radiance, Outline, Vec<radiance::Found>)> {
+    let Developed {
+        radiance,
+        exposures,
+    } = radiance::develop(capture, view, rows)?;
+    let Some(masked) = radiance::masked(capture, view, &radiance)? else {
+        let outline = find_outline(capture, camera, view, &radiance)?;
+        return Ok((radiance, outline, exposures));
+    };
+    let mut outline = find_outline(capture, camera, view, &masked)?;
+    // A mask that follows the object hides its limb, which the photo itself may show.
+    if outline.sides() == [false, false] {
+        outline = find_outline(capture, camera, view, &radiance)?;
+    }
+    Ok((masked, outline, exposures))
+}
+
 fn read_view(
     capture: &Capture,
     camera: &CameraModel,
@@ -247,11 +270,8 @@ fn read_view(
 ) -> Result<ReadView> {
     let roll = capture.views[view].plane_roll;
     let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
-    let Developed {
-        radiance,
-        exposures,
-    } = radiance::develop(capture, view, rows_needed(capture, &nominal, reach))?;
-    let outline = find_outline(capture, camera, view, &radiance)?;
+    let rows = rows_needed(capture, &nominal, reach);
+    let (radiance, outline, exposures) = photographed(capture, camera, view, rows)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
     Ok(ReadView {
@@ -281,8 +301,8 @@ fn choose_reach(capture: &Capture, camera: &CameraModel) -> Result<f64> {
             let roll = capture.views[view].plane_roll;
             let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
             let rows = rows_needed(capture, &nominal, widest);
-            let radiance = radiance::view(capture, view, rows).map_err(place)?;
-            let outline = find_outline(capture, camera, view, &radiance).map_err(place)?;
+            let (radiance, outline, _) =
+                photographed(capture, camera, view, rows).map_err(place)?;
             let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
             let lines: Vec<MeasuredLine> = candidates
                 .iter()
