@@ -132,9 +132,7 @@ mod tests {
         let fit = |scatter: f64| Some([scatter, 1e-4]);
         let mut fits: Vec<_> = (0..200).map(|k| fit(1e-3 + 1e-5 * k as f64)).collect();
         assert!(suspicious(&fits).is_empty());
-        for k in 60..75 {
-            fits[k] = fit(0.05);
-        }
+        fits[60..75].fill(fit(0.05));
         fits[150] = None;
         assert_eq!(suspicious(&fits), (60..75).collect::<Vec<_>>());
     }
