@@ -14,8 +14,8 @@ use crate::geometry::outline::{self, Outline, Search};
 use crate::geometry::{CameraModel, Pose, Settled, Side, ViewGeometry, settle};
 use crate::grid::Grid;
 use crate::light_field::{
-    Gathered, LightField, MeasuredLine, Samples, Systematic, ViewSample, automatic_limb_cut,
-    gather, grid,
+    Gathered, Jitter, LightField, MeasuredLine, Samples, Systematic, ViewSample,
+    automatic_limb_cut, gather, grid, jitter, runs_backwards,
 };
 use crate::radiance::{self, Developed, Radiance};
 
@@ -137,7 +137,7 @@ pub fn measure(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
         .collect();
-    let views: Vec<Vec<Vec<Option<ViewSample>>>> = read
+    let mut views: Vec<Vec<Vec<Option<ViewSample>>>> = read
         .par_iter()
         .zip(&geometries)
         .zip(&capture.views)
@@ -151,11 +151,23 @@ pub fn measure(
         .iter()
         .map(|p| p.sigma_lateral / capture.object.radius)
         .collect();
+    let mut gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
+    let jitter = jitter(&gathered.samples, views.len());
+    if let Some(jitter) = &jitter {
+        for (view, factor) in views.iter_mut().zip(&jitter.factor) {
+            for sample in view.iter_mut().flatten().flatten() {
+                sample.value /= factor;
+                sample.slope /= factor;
+                sample.variance /= factor * factor;
+            }
+        }
+        gathered = gather(channels, &locals, &views, &outline_sigma);
+    }
     let Gathered {
         samples,
         pixels,
         slopes,
-    } = gather(channels, &locals, &views, &outline_sigma);
+    } = gathered;
     let field = grid(&samples, cells, &pixels);
     let two_sided = outlines
         .iter()
@@ -178,6 +190,7 @@ pub fn measure(
         warnings: [
             response.iter().map(response_note).collect(),
             exposure_warnings(capture, &read),
+            jitter.iter().map(|j| jitter_note(capture, j)).collect(),
             warnings(capture, &outlines, poses, &samples),
         ]
         .concat(),
@@ -452,6 +465,20 @@ fn response_note(found: &radiance::Recovery) -> String {
     )
 }
 
+/// How much the views' exposures were found to jitter.
+fn jitter_note(capture: &Capture, jitter: &Jitter) -> String {
+    let size = |v: &usize| jitter.factor.get(*v).map_or(0.0, |f| f.ln().abs());
+    let worst = (0..jitter.factor.len()).max_by(|a, b| size(a).total_cmp(&size(b)));
+    let (view, sigma) = worst.map_or((0, 0.0), |v| (v, jitter.sigma[v]));
+    format!(
+        "Exposure changes from view to view by {:.2} % (rms), the most in view {view} (\"{}\": {:+.2} ± {:.2} %); it was divided out. Changes as slow along the orbit as lighting cannot be told from lighting and are left.",
+        100.0 * jitter.rms(),
+        first_file(capture, view),
+        100.0 * (jitter.factor.get(view).copied().unwrap_or(1.0) - 1.0),
+        100.0 * sigma
+    )
+}
+
 /// What the brackets showed to be other than stated: photos moved against each other, exposure times.
 fn exposure_warnings(capture: &Capture, read: &[ReadView]) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -498,6 +525,12 @@ fn warnings(
     if unseen == outlines.len() {
         warnings.push(
             "No view shows the object's limb; the outline is the description's. A brighter or darker background lets it be found, or give it by hand with `outline`.".into(),
+        );
+    }
+    let orbits: Vec<_> = capture.views.iter().map(|view| view.orbit).collect();
+    if runs_backwards(samples, &orbits) {
+        warnings.push(
+            "The views fit together much better the other way round: turn the sign of orbit_deg (or orbit_step_deg). It counts counter-clockwise seen from above, in the frame of the light: turning the object or the light instead turns the sense.".into(),
         );
     }
     let radius = capture.object.radius;
