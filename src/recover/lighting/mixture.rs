@@ -31,6 +31,8 @@ const MOST_SPLITS: usize = 2;
 const SPLIT: f64 = 0.035;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
+/// Factor on the noise's variance that makes another fit worth its time: 5 % of σ.
+const WORTHWHILE: f64 = 0.9;
 /// Rounds of directions under held priors and priors for held directions, at the most.
 const ROUNDS: usize = 3;
 /// Gauss–Newton steps under one prior, at the most.
@@ -89,11 +91,16 @@ impl<'a> Channel<'a> {
         let problem = channel.problem(&equations, 0);
         let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
         let residual = problem.residual(channel.system.square, &x);
-        let freedom = channel.system.count.saturating_sub(x.len()).max(1);
-        let floor = (channel.system.largest * MODEL_ERROR).powi(2) * channel.system.weight
-            / channel.system.count as f64;
-        channel.noise_scale = (residual / freedom as f64).max(floor).max(1.0);
+        channel.noise_scale = channel.noise_scale_of(residual, x.len());
         Ok(channel)
+    }
+
+    /// κ from the weighted sum of squared residuals of a fit of `unknowns` unknowns.
+    fn noise_scale_of(&self, residual: f64, unknowns: usize) -> f64 {
+        let freedom = self.system.count.saturating_sub(unknowns).max(1);
+        let floor = (self.system.largest * MODEL_ERROR).powi(2) * self.system.weight
+            / self.system.count as f64;
+        (residual / freedom as f64).max(floor).max(1.0)
     }
 
     /// Posterior of the smooth light and the systematic errors under the weakest prior.
@@ -225,11 +232,54 @@ impl Mixture {
         regularisation: Regularisation,
         candidates: &[f64],
     ) -> Result<Self> {
-        let mut best = Self::with_directions(samples, channels, &[], regularisation)?;
+        Self::with_directions(samples, channels, &[], regularisation)?.extended(
+            samples,
+            channels,
+            regularisation,
+            candidates,
+        )
+    }
+
+    /// The likeliest number of sources, starting from these, after the channels' noise has changed.
+    pub fn refit(
+        &self,
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        regularisation: Regularisation,
+        candidates: &[f64],
+    ) -> Result<Self> {
+        Self::refined(samples, channels, &self.directions, regularisation)?.extended(
+            samples,
+            channels,
+            regularisation,
+            candidates,
+        )
+    }
+
+    /// With as many more sources at `candidates` as are believed, and peaks split in two.
+    fn extended(
+        self,
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        regularisation: Regularisation,
+        candidates: &[f64],
+    ) -> Result<Self> {
+        let mut best = self;
+        let found = best.directions.clone();
+        let mut trial = found.clone();
         let mut worse = 0;
-        for count in 1..=candidates.len().min(MOST_SOURCES) {
+        for &candidate in candidates {
+            let nearest = found.iter().map(|d| wrap(d - candidate).abs());
+            // A source that was found has moved a little from its peak.
+            if nearest.fold(f64::INFINITY, f64::min) < 2.0 * SPLIT {
+                continue;
+            }
+            if trial.len() == MOST_SOURCES {
+                break;
+            }
+            trial.push(candidate);
             // One more may be needed before two weaker sources together pay.
-            if best.improve(samples, channels, &candidates[..count], regularisation)? {
+            if best.improve(samples, channels, &trial, regularisation)? {
                 worse = 0;
             } else {
                 worse += 1;
@@ -257,6 +307,20 @@ impl Mixture {
             }
         }
         Ok(best)
+    }
+
+    /// Measures the channels' noise again on these residuals; whether that changes what may be believed.
+    pub fn measure_noise(&self, channels: &mut [Channel<'_>]) -> bool {
+        let mut changed = false;
+        for (channel, fit) in channels.iter_mut().zip(&self.fits) {
+            let unknowns = fit.posterior.mean.len() + self.directions.len();
+            let measured = channel.noise_scale_of(fit.square, unknowns);
+            if measured < WORTHWHILE * channel.noise_scale {
+                channel.noise_scale = measured;
+                changed = true;
+            }
+        }
+        changed
     }
 
     /// Takes the fit with sources at about `directions` instead, if it is believed more.
