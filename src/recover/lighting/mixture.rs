@@ -2,14 +2,15 @@
 //! likelihood.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use faer::Mat;
 use rayon::prelude::*;
 
 use super::prior::{Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv};
-use super::sources::{unit_response, weighted_product};
+use super::sources::{Response, response_derivative, unit_response, weighted_product};
 use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
-use crate::angle::{WorldAngle, wrap};
+use crate::angle::wrap;
 use crate::brdf::Brdf;
 use crate::error::Result;
 use crate::fourier::Series;
@@ -41,20 +42,20 @@ const STEPS: usize = 8;
 const LOST: f64 = 0.3;
 /// Longest step of a direction, radians: within the width of a lobe the step may be trusted.
 const LONGEST_STEP: f64 = 0.05;
-/// Step (radians) of the central difference for a response's derivative by direction.
-const DIFFERENCE: f64 = 2e-4;
 
 /// One channel's normal equations and scales.
 #[derive(Debug)]
 pub struct Channel<'a> {
     pub name: String,
     pub index: usize,
+    /// The first channel that has the same BRDF.
+    pub twin: usize,
     pub brdf: &'a dyn Brdf,
     pub system: NormalSystem,
     /// L_0, W m⁻² rad⁻¹, roughly.
     pub mean_light: f64,
     /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
-    pub systematics: Vec<Vec<Vec<f64>>>,
+    pub systematics: Vec<Response>,
     /// Dᵀ W f of each systematic error.
     crosses: Vec<Vec<f64>>,
     /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
@@ -62,17 +63,31 @@ pub struct Channel<'a> {
     pub noise_scale: f64,
 }
 
+/// What a channel is made of.
+pub struct ChannelParts<'a> {
+    pub name: String,
+    pub samples: &'a Samples,
+    pub index: usize,
+    pub twin: usize,
+    pub brdf: &'a dyn Brdf,
+    pub system: NormalSystem,
+    pub systematics: Vec<Response>,
+    pub mean_light: f64,
+}
+
 impl<'a> Channel<'a> {
     /// Measures the noise scale on the fit under the weakest prior.
-    pub fn new(
-        name: String,
-        samples: &Samples,
-        index: usize,
-        brdf: &'a dyn Brdf,
-        system: NormalSystem,
-        systematics: Vec<Vec<Vec<f64>>>,
-        mean_light: f64,
-    ) -> Result<Self> {
+    pub fn new(parts: ChannelParts<'a>) -> Result<Self> {
+        let ChannelParts {
+            name,
+            samples,
+            index,
+            twin,
+            brdf,
+            system,
+            systematics,
+            mean_light,
+        } = parts;
         let crosses = systematics
             .iter()
             .map(|f| system.project(samples, index, f))
@@ -80,6 +95,7 @@ impl<'a> Channel<'a> {
         let mut channel = Self {
             name,
             index,
+            twin,
             brdf,
             system,
             mean_light,
@@ -122,9 +138,13 @@ impl<'a> Channel<'a> {
     }
 
     /// Normal equations of coefficients, irradiances of unit responses `sources`, and systematic errors.
-    fn equations(&self, samples: &Samples, sources: &[Vec<Vec<f64>>]) -> (Mat<f64>, Vec<f64>) {
+    fn equations(&self, samples: &Samples, sources: &[Arc<Response>]) -> (Mat<f64>, Vec<f64>) {
         let n = self.system.vector.len();
-        let extra: Vec<&Vec<Vec<f64>>> = sources.iter().chain(&self.systematics).collect();
+        let extra: Vec<&Response> = sources
+            .iter()
+            .map(Arc::as_ref)
+            .chain(&self.systematics)
+            .collect();
         let size = n + extra.len();
         let mut matrix = Mat::from_fn(size, size, |i, j| {
             if i < n && j < n {
@@ -158,7 +178,7 @@ impl<'a> Channel<'a> {
         (matrix, vector)
     }
 
-    fn values(&self, samples: &Samples) -> Vec<Vec<f64>> {
+    fn values(&self, samples: &Samples) -> Response {
         samples
             .columns
             .iter()
@@ -182,7 +202,7 @@ pub struct Fit {
     pub posterior: Posterior,
     pub prior: SpectralPrior,
     pub choice: RegularisationChoice,
-    responses: Vec<Vec<Vec<f64>>>,
+    responses: Vec<Arc<Response>>,
     log_evidence: f64,
     /// Weighted sum of squared residuals.
     square: f64,
@@ -199,7 +219,7 @@ impl Fit {
         systematics: &[f64],
     ) -> Vec<Vec<f64>> {
         let mut predicted = channel.system.predict(samples, smooth);
-        let sources = self.responses.iter().zip(irradiance);
+        let sources = self.responses.iter().map(Arc::as_ref).zip(irradiance);
         for (response, e) in sources.chain(channel.systematics.iter().zip(systematics)) {
             for (column, f) in predicted.iter_mut().zip(response) {
                 for (b, f) in column.iter_mut().zip(f) {
@@ -401,8 +421,8 @@ impl Mixture {
             for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
                 *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
             }
-            // A hundredth of a standard deviation is as good as there.
-            if steps.iter().all(|(step, sigma)| step.abs() < 0.01 * sigma) {
+            // Steps shrink so fast that what is left after one of a tenth of a standard deviation is nothing.
+            if steps.iter().all(|(step, sigma)| step.abs() < 0.1 * sigma) {
                 break;
             }
         }
@@ -426,10 +446,18 @@ impl Mixture {
         directions: &[f64],
         strengths: &[Strength],
     ) -> Result<Self> {
+        let responses: Vec<Vec<Arc<Response>>> = directions
+            .iter()
+            .map(|&theta| of_each_brdf(channels, |brdf| unit_response(samples, brdf, theta)))
+            .collect();
         let fits: Vec<Fit> = channels
             .par_iter()
             .zip(strengths)
-            .map(|(channel, strength)| fit_channel(samples, channel, directions, *strength))
+            .enumerate()
+            .map(|(c, (channel, strength))| {
+                let own = responses.iter().map(|r| Arc::clone(&r[c])).collect();
+                fit_channel(samples, channel, own, *strength)
+            })
             .collect::<Result<_>>()?;
         Ok(Self {
             log_evidence: fits.iter().map(|f| f.log_evidence).sum(),
@@ -444,10 +472,16 @@ impl Mixture {
     fn direction_steps(&self, samples: &Samples, channels: &[Channel<'_>]) -> Vec<(f64, f64)> {
         (0..self.directions.len())
             .map(|s| {
+                let derivatives = of_each_brdf(channels, |brdf| {
+                    response_derivative(samples, brdf, self.directions[s])
+                });
                 let parts: Vec<(f64, f64)> = channels
                     .par_iter()
                     .zip(&self.fits)
-                    .map(|(channel, fit)| self.direction_gradient(samples, channel, fit, s))
+                    .zip(&derivatives)
+                    .map(|((channel, fit), derivative)| {
+                        direction_gradient(samples, channel, fit, s, derivative)
+                    })
                     .collect();
                 let gradient: f64 = parts.iter().map(|p| p.0).sum();
                 let curvature: f64 = parts.iter().map(|p| p.1).sum();
@@ -459,51 +493,6 @@ impl Mixture {
                 }
             })
             .collect()
-    }
-
-    /// Gradient and curvature of the log posterior by the direction of source `s`, with all other
-    /// unknowns of the channel at their best (profile likelihood).
-    fn direction_gradient(
-        &self,
-        samples: &Samples,
-        channel: &Channel<'_>,
-        fit: &Fit,
-        s: usize,
-    ) -> (f64, f64) {
-        let n = channel.system.vector.len();
-        let irradiance = fit.posterior.mean[n + s];
-        let at = |offset: f64| {
-            let theta = WorldAngle::radians(self.directions[s] + offset);
-            unit_response(samples, channel.brdf, theta)
-        };
-        let mut derivative = at(DIFFERENCE);
-        for (column, before) in derivative.iter_mut().zip(at(-DIFFERENCE)) {
-            for (d, b) in column.iter_mut().zip(before) {
-                *d = (*d - b) / (2.0 * DIFFERENCE);
-            }
-        }
-        let kappa = channel.noise_scale;
-        let values = channel.values(samples);
-        let mut cross = channel.system.project(samples, channel.index, &derivative);
-        for response in fit.responses.iter().chain(&channel.systematics) {
-            cross.push(weighted_product(
-                samples,
-                channel.index,
-                response,
-                &derivative,
-            ));
-        }
-        let data = weighted_product(samples, channel.index, &derivative, &values);
-        let own = weighted_product(samples, channel.index, &derivative, &derivative);
-        let fitted: f64 = cross
-            .iter()
-            .zip(&fit.posterior.mean)
-            .map(|(a, b)| a * b)
-            .sum();
-        let explained = fit.posterior.variance_of(&cross);
-        let gradient = irradiance * (data - fitted) / kappa;
-        let curvature = irradiance.powi(2) * (own / kappa - explained / kappa.powi(2));
-        (gradient, curvature.max(0.0))
     }
 
     /// Mean and standard deviation of source `s`'s irradiance in each channel.
@@ -572,19 +561,66 @@ impl Mixture {
     }
 }
 
+/// One function of the samples per distinct BRDF, shared by the channels that have it.
+fn of_each_brdf(
+    channels: &[Channel<'_>],
+    make: impl Fn(&dyn Brdf) -> Response,
+) -> Vec<Arc<Response>> {
+    let mut all: Vec<Arc<Response>> = Vec::with_capacity(channels.len());
+    for channel in channels {
+        all.push(match all.get(channel.twin) {
+            Some(twin) => Arc::clone(twin),
+            None => Arc::new(make(channel.brdf)),
+        });
+    }
+    all
+}
+
+/// Gradient and curvature of the log posterior by the direction of source `s`, whose response changes by
+/// `derivative`, with all other unknowns of the channel at their best (profile likelihood).
+fn direction_gradient(
+    samples: &Samples,
+    channel: &Channel<'_>,
+    fit: &Fit,
+    s: usize,
+    derivative: &Response,
+) -> (f64, f64) {
+    let n = channel.system.vector.len();
+    let irradiance = fit.posterior.mean[n + s];
+    let kappa = channel.noise_scale;
+    let values = channel.values(samples);
+    let mut cross = channel.system.project(samples, channel.index, derivative);
+    let own_responses = fit.responses.iter().map(Arc::as_ref);
+    for response in own_responses.chain(&channel.systematics) {
+        cross.push(weighted_product(
+            samples,
+            channel.index,
+            response,
+            derivative,
+        ));
+    }
+    let data = weighted_product(samples, channel.index, derivative, &values);
+    let own = weighted_product(samples, channel.index, derivative, derivative);
+    let fitted: f64 = cross
+        .iter()
+        .zip(&fit.posterior.mean)
+        .map(|(a, b)| a * b)
+        .sum();
+    let explained = fit.posterior.variance_of(&cross);
+    let gradient = irradiance * (data - fitted) / kappa;
+    let curvature = irradiance.powi(2) * (own / kappa - explained / kappa.powi(2));
+    (gradient, curvature.max(0.0))
+}
+
 /// One channel with the sources' directions held: normal equations of coefficients and irradiances.
 fn fit_channel(
     samples: &Samples,
     channel: &Channel<'_>,
-    directions: &[f64],
+    responses: Vec<Arc<Response>>,
     strength: Strength,
 ) -> Result<Fit> {
     let system = &channel.system;
     let n = system.vector.len();
-    let responses: Vec<Vec<Vec<f64>>> = directions
-        .iter()
-        .map(|&theta| unit_response(samples, channel.brdf, WorldAngle::radians(theta)))
-        .collect();
     let equations = channel.equations(samples, &responses);
     let problem = channel.problem(&equations, responses.len());
     let mean_light = channel.mean_light;
@@ -635,7 +671,7 @@ fn fit_channel(
     };
     let posterior = problem.posterior(&prior)?;
     // The irradiances' flat prior over [0, 2π L_0], the largest that the mean light allows.
-    let log_irradiance_prior = directions.len() as f64 * (0.5 * TAU.ln() - (TAU * mean_light).ln());
+    let log_irradiance_prior = responses.len() as f64 * (0.5 * TAU.ln() - (TAU * mean_light).ln());
     Ok(Fit {
         log_evidence: posterior.log_evidence + log_irradiance_prior,
         square: problem.residual(system.square, &posterior.mean),

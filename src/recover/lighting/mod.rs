@@ -17,6 +17,7 @@ mod prior;
 mod sources;
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use faer::Mat;
 use num_complex::Complex64;
@@ -33,10 +34,9 @@ use crate::recover::normal::{NormalSystem, position, to_series};
 pub use estimate::{
     ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, SourceEstimate,
 };
-use mixture::{Channel, Mixture};
+use mixture::{Channel, ChannelParts, Mixture};
 use prior::Posterior;
 pub use prior::SpectralPrior;
-pub use sources::unit_response;
 
 /// σ(L_p)/L_0 up to which a coefficient is determined.
 pub const DETERMINED: f64 = 0.05;
@@ -117,11 +117,43 @@ pub fn recover_with(
             material.channels.join(", ")
         )));
     }
+    // Channels often share a BRDF; what follows from it alone is computed once.
+    let twins: Vec<usize> = (0..material.brdfs.len())
+        .map(|c| {
+            let same = |other: &usize| Arc::ptr_eq(&material.brdfs[*other], &material.brdfs[c]);
+            (0..c).find(same).unwrap_or(c)
+        })
+        .collect();
+    let transfers: Vec<Vec<Vec<Complex64>>> = material
+        .brdfs
+        .iter()
+        .enumerate()
+        .map(|(c, brdf)| {
+            if twins[c] != c {
+                return Vec::new();
+            }
+            let order = options.band.unwrap_or_else(|| model_order(brdf.as_ref()));
+            samples
+                .columns
+                .par_iter()
+                .map(|column| transfer_row(brdf.as_ref(), column.local, order))
+                .collect()
+        })
+        .collect();
     let mut channels: Vec<Channel<'_>> = (0..samples.channels.len())
         .into_par_iter()
         .map(|c| {
-            let changes = systematics.iter().map(|s| s.change[c].clone()).collect();
-            prepare(samples, c, material.brdfs[c].as_ref(), changes, options)
+            let (system, mean_light) = prepare(samples, c, &transfers[twins[c]], options)?;
+            Channel::new(ChannelParts {
+                name: samples.channels[c].clone(),
+                samples,
+                index: c,
+                twin: twins[c],
+                brdf: material.brdfs[c].as_ref(),
+                system,
+                systematics: systematics.iter().map(|s| s.change[c].clone()).collect(),
+                mean_light,
+            })
         })
         .collect::<Result<_>>()?;
     let mirror = material.brdfs.iter().any(|b| {
@@ -164,50 +196,33 @@ pub fn recover_with(
     })
 }
 
-/// The normal equations of one channel, up to the frequency beyond which the data say nothing.
-fn prepare<'a>(
+/// The normal equations of one channel, up to the frequency beyond which the data say nothing, and roughly L_0;
+/// `transfer` is H_p(θo′) for each column, \[column\]\[p\].
+fn prepare(
     samples: &Samples,
     channel: usize,
-    brdf: &'a dyn Brdf,
-    systematics: Vec<Vec<Vec<f64>>>,
+    transfer: &[Vec<Complex64>],
     options: &Options,
-) -> Result<Channel<'a>> {
+) -> Result<(NormalSystem, f64)> {
     let name = &samples.channels[channel];
     if samples.count(channel) == 0 {
         return Err(Error::input(format!("channel {name} has no usable sample"))
             .advice("Every pixel is clipped, masked or beyond the limb cut."));
     }
-    let order = options.band.unwrap_or_else(|| model_order(brdf));
-    let mut transfer: Vec<Vec<Complex64>> = samples
-        .columns
-        .par_iter()
-        .map(|c| transfer_row(brdf, c.local, order))
-        .collect();
-    let (mean_light, informative) = first_look(samples, channel, &transfer);
+    let (mean_light, informative) = first_look(samples, channel, transfer);
     if !(mean_light > 0.0 && mean_light.is_finite()) {
         return Err(Error::input(format!(
             "channel {name}: the mean light comes out as {mean_light:.3e}, expected a positive number"
         ))
         .advice("Check that the photos show the object, that the black level is right, and that the BRDF reflects light in this channel."));
     }
-    let order = if options.band.is_some() {
-        order
-    } else {
-        informative
-    };
-    for row in &mut transfer {
-        row.truncate(order + 1);
-    }
-    let system = NormalSystem::with_transfer(samples, channel, transfer, order);
-    Channel::new(
-        name.clone(),
-        samples,
-        channel,
-        brdf,
-        system,
-        systematics,
-        mean_light,
-    )
+    let order = options.band.unwrap_or(informative);
+    let rows = transfer
+        .iter()
+        .map(|row| row.iter().take(order + 1).copied().collect())
+        .collect();
+    let system = NormalSystem::with_transfer(samples, channel, rows, order);
+    Ok((system, mean_light))
 }
 
 /// L_0 as if the light were uniform, and the largest p that could show above the noise and above
