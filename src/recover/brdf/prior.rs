@@ -3,6 +3,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use faer::{Mat, Side};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::basis::Basis;
@@ -207,19 +208,43 @@ impl Penalties {
         })
     }
 
-    /// tr(covariance · P).
-    pub fn trace(&self, smoothness: &Smoothness, covariance: &Mat<f64>) -> f64 {
-        let mut sum = 0.0;
+    /// P x.
+    pub fn product(&self, smoothness: &Smoothness, x: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; x.len()];
         for (form, weight) in smoothness.weights().into_iter().enumerate() {
             for row in self.rows(form) {
-                for &(i, a) in &row {
-                    for &(j, b) in &row {
-                        sum += weight * a * b * covariance[(i, j)];
-                    }
+                let value = weight * row.iter().map(|&(k, f)| f * x[k]).sum::<f64>();
+                for (k, f) in row {
+                    out[k] += f * value;
                 }
             }
         }
-        sum
+        out
+    }
+
+    /// P times each column of `x`.
+    pub fn product_of_columns(&self, smoothness: &Smoothness, x: &Mat<f64>) -> Mat<f64> {
+        let columns: Vec<Vec<f64>> = (0..x.ncols())
+            .into_par_iter()
+            .map(|j| {
+                let column: Vec<f64> = x.col(j).iter().copied().collect();
+                self.product(smoothness, &column)
+            })
+            .collect();
+        Mat::from_fn(x.nrows(), x.ncols(), |i, j| columns[j][i])
+    }
+
+    /// tr((covariance · P)²): what twicing leaves of the prior's share of the parameters.
+    pub fn trace_of_square(&self, smoothness: &Smoothness, covariance: &Mat<f64>) -> f64 {
+        let product = self.product_of_columns(smoothness, covariance);
+        (0..product.ncols())
+            .map(|j| {
+                let column = product.col(j);
+                (0..product.nrows())
+                    .map(|i| column[i] * product[(j, i)])
+                    .sum::<f64>()
+            })
+            .sum()
     }
 
     /// Adds P to a dense matrix.
