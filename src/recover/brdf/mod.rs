@@ -276,11 +276,17 @@ fn recover_channel(
     };
     let mut fitted = fit(intervals)?;
     for finer in FINER {
-        if options.intervals.is_some() || fitted.spline_error() <= TOLERATED {
+        // Splines that are too coarse also show as noise above the stated.
+        let noise = fitted.noise;
+        let coarse = fitted.spline_error() > TOLERATED || noise > 1.0;
+        if options.intervals.is_some() || !coarse {
             break;
         }
         drop(fitted);
         fitted = fit(finer)?;
+        if fitted.noise > 0.95 * noise && noise > 1.0 {
+            break;
+        }
     }
     let (grid, spectrum) = fitted.read(options.size, options.order, &reach)?;
     Ok(Slice {
