@@ -146,12 +146,14 @@ fn limited(w: [f64; 3], spacing: f64, longest: f64) -> [f64; 3] {
 ///
 /// Fixed point of MacKay as generalised by Wood and Fasiolo ("A generalized Fellner–Schall method for
 /// smoothing parameter optimization", Biometrics 73, 2017): each weight times
-/// (tr P⁻¹P_k − tr A⁻¹P_k) / x̂ᵀP_k x̂, which raises the evidence at every step. With it the noise: where the
+/// the root of (tr P⁻¹P_k − tr A⁻¹P_k) / x̂ᵀP_k x̂. With it the noise: where the
 /// residual is larger than the variances allow, all of them are scaled up.
+///
+/// The evidence about its maximum is computed if `curve` asks for it.
 ///
 /// # Errors
 /// If the normal equations cannot be factored.
-pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
+pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Learnt> {
     let basis = information.basis;
     let n = basis.pairs();
     let mut rng = ChaCha8Rng::seed_from_u64(0x5eed_b4df);
@@ -196,8 +198,9 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
         for k in 0..3 {
             // A floor keeps a step finite where the data say nothing about this form.
             let determined = (prior_traces[k] - traces[k]).max(1e-3 * prior_traces[k]);
-            let ratio = determined / (before[k] * values[k]).max(f64::MIN_POSITIVE) * before[k];
-            after[k] = before[k] * ratio.clamp(1.0 / 30.0, 30.0);
+            let ratio = determined / (before[k] * values[k]).max(f64::MIN_POSITIVE);
+            // The root: with the whole step weights that a limit ties together swing about the maximum for ever.
+            after[k] = before[k] * ratio.sqrt().clamp(1.0 / 30.0, 30.0);
         }
         after[0] = after[0].min(strongest);
         let after = limited(after, basis.spacing(), longest);
@@ -238,7 +241,8 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
             break;
         }
     }
-    let curve = (-4..=4)
+    let points = if curve { -4..=4 } else { 1..=0 };
+    let curve = points
         .map(|k| point(&level, &smoothness, 10f64.powf(f64::from(k) * 0.5)))
         .collect::<Result<_>>()?;
     Ok(Learnt {

@@ -10,7 +10,7 @@ use super::basis::{Basis, END_SHAPES};
 use super::estimate::Coefficient;
 use super::information::Information;
 use super::posterior::{self, Posterior};
-use super::prior::{Factor, Penalties, Relief, Smoothness};
+use super::prior::{Factor, Penalties, Precision, Relief, Smoothness};
 use super::spectrum;
 use super::spread::{self, Spread, Variances};
 use crate::Result;
@@ -84,8 +84,7 @@ pub struct Fit {
     /// Coefficients and covariance.
     pub posterior: Posterior,
     /// The prior.
-    penalties: Penalties,
-    smoothness: Smoothness,
+    prior: Precision,
     /// Σ residual²/σ², by the variances as given.
     pub chi_square: f64,
     /// Effective number of parameters.
@@ -134,14 +133,13 @@ impl Fit {
         relief: &Relief,
         non_negative: bool,
     ) -> Result<Self> {
-        let penalties = Penalties::new(information.basis, relief);
+        let prior = Penalties::new(information.basis, relief).precision(&smoothness);
         let pairs = information.basis.pairs() as f64;
         let count = information.count as f64;
         let solve = |noise: f64| -> Result<(Posterior, f64, f64)> {
-            let posterior =
-                Posterior::new(&information, &penalties, &smoothness, noise, non_negative)?;
+            let posterior = Posterior::new(&information, &prior, noise, non_negative)?;
             let chi_square = information.chi_square(&posterior.mean, noise)?;
-            let parameters = pairs - penalties.trace_of_square(&smoothness, &posterior.covariance);
+            let parameters = pairs - prior.trace_of_square(&posterior.covariance);
             Ok((posterior, chi_square, parameters))
         };
         let mut noise = 1.0;
@@ -157,8 +155,7 @@ impl Fit {
         Ok(Self {
             information,
             posterior,
-            penalties,
-            smoothness,
+            prior,
             chi_square,
             parameters,
             noise,
@@ -243,7 +240,7 @@ impl Fit {
 
     fn grid(&self, size: usize, values: Vec<f64>, bounds: &Bounds, reach: &Reach) -> GridValues {
         let covariance = &self.posterior.covariance;
-        let spread = Spread::new(self.basis(), covariance, &self.penalties, &self.smoothness);
+        let spread = Spread::new(self.basis(), covariance, &self.prior);
         let (prior, told) = (reach.prior.inverse(), reach.told.inverse());
         let rows: Vec<Vec<(f64, f64, Status)>> = (0..size)
             .into_par_iter()
@@ -293,7 +290,7 @@ impl Fit {
         reach: &Reach,
     ) -> Vec<Coefficient> {
         let covariance = &self.posterior.covariance;
-        let parts = spread::variances(functionals, covariance, &self.penalties, &self.smoothness);
+        let parts = spread::variances(functionals, covariance, &self.prior);
         let coarse = spectrum::functionals(reach.basis, order);
         let prior = spectrum::sigmas(&coarse, &reach.prior);
         let told = spectrum::sigmas(&coarse, &reach.told);

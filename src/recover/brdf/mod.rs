@@ -107,6 +107,8 @@ pub struct Options {
     /// How far from what was seen smoothness may fill in, radians: the longest correlation length by which the status of a
     /// value is judged.
     pub longest: f64,
+    /// Whether evidence and cross-validation are computed for other weights of the prior too, for the report.
+    pub curve: bool,
 }
 
 impl Default for Options {
@@ -118,6 +120,7 @@ impl Default for Options {
             regularisation: Regularisation::Evidence,
             non_negative: true,
             longest: 12f64.to_radians(),
+            curve: true,
         }
     }
 }
@@ -248,7 +251,11 @@ fn recover_channel(
         ))
         .advice("check the exposure, the mask and the limb cut"));
     }
-    let learnt = evidence::learn(&coarse, LONGEST)?;
+    let learnt = evidence::learn(
+        &coarse,
+        LONGEST,
+        options.curve || options.regularisation == Regularisation::Gcv,
+    )?;
     let smoothness = match options.regularisation {
         Regularisation::Evidence => learnt.smoothness,
         Regularisation::Gcv => {

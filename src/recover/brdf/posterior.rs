@@ -4,7 +4,7 @@ use faer::Mat;
 
 use super::basis::Basis;
 use super::information::Information;
-use super::prior::{Factor, Penalties, Smoothness};
+use super::prior::{Factor, Precision};
 use crate::Result;
 
 /// Most exchanges between the coefficients that are held and those that are free; it takes 5 to 20.
@@ -44,17 +44,16 @@ impl Posterior {
     /// If the normal equations cannot be factored.
     pub fn new(
         information: &Information,
-        penalties: &Penalties,
-        smoothness: &Smoothness,
+        prior: &Precision,
         noise: f64,
         non_negative: bool,
     ) -> Result<Self> {
         let equations = information.equations(noise)?;
         let mut matrix = equations.matrix;
-        penalties.add_dense(smoothness, &mut matrix);
+        prior.add_to(&mut matrix);
         let factor = Factor::new(&matrix)?;
         let mut mean = factor.solve_vector(&equations.right_side);
-        let bias = factor.solve_vector(&penalties.product(smoothness, &mean));
+        let bias = factor.solve_vector(&prior.times(&mean));
         for (x, b) in mean.iter_mut().zip(bias) {
             *x += b;
         }

@@ -16,7 +16,7 @@ use faer::Mat;
 
 use super::basis::Basis;
 use super::posterior::value_at;
-use super::prior::{Penalties, Smoothness};
+use super::prior::Precision;
 
 /// Places along each angle at which the variances are computed: one every 5°. Between them only their ratio to the
 /// posterior's variance is interpolated, which has no structure finer than the prior's correlation lengths.
@@ -35,22 +35,15 @@ pub struct Variances {
 pub fn variances(
     functionals: &Mat<f64>,
     covariance: &Mat<f64>,
-    penalties: &Penalties,
-    smoothness: &Smoothness,
+    prior: &Precision,
 ) -> Vec<Variances> {
-    ratios(
-        functionals,
-        &(covariance * functionals),
-        covariance,
-        penalties,
-        smoothness,
-    )
-    .into_iter()
-    .map(|(posterior, v)| Variances {
-        noise: v.noise * posterior,
-        total: v.total * posterior,
-    })
-    .collect()
+    ratios(functionals, &(covariance * functionals), covariance, prior)
+        .into_iter()
+        .map(|(posterior, v)| Variances {
+            noise: v.noise * posterior,
+            total: v.total * posterior,
+        })
+        .collect()
 }
 
 /// The posterior's variance of each functional v, and the others relative to it; `seen` is C v.
@@ -58,13 +51,12 @@ fn ratios(
     functionals: &Mat<f64>,
     seen: &Mat<f64>,
     covariance: &Mat<f64>,
-    penalties: &Penalties,
-    smoothness: &Smoothness,
+    prior: &Precision,
 ) -> Vec<(f64, Variances)> {
     // u = C v, w = P u, z = C w: then Kⁿ C in the middle of v is u·w, w·z, z·P z for n = 1, 2, 3.
-    let pulled = penalties.product_of_columns(smoothness, seen);
+    let pulled = prior.times_columns(seen);
     let twice = covariance * &pulled;
-    let last = penalties.product_of_columns(smoothness, &twice);
+    let last = prior.times_columns(&twice);
     let dot = |a: &Mat<f64>, b: &Mat<f64>, j: usize| -> f64 {
         a.col(j)
             .iter()
@@ -98,12 +90,7 @@ pub struct Spread {
 
 impl Spread {
     /// From the covariance of the coefficients.
-    pub fn new(
-        basis: Basis,
-        covariance: &Mat<f64>,
-        penalties: &Penalties,
-        smoothness: &Smoothness,
-    ) -> Self {
+    pub fn new(basis: Basis, covariance: &Mat<f64>, prior: &Precision) -> Self {
         let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / PLACES as f64;
         let list: Vec<(usize, usize)> = (0..PLACES)
             .flat_map(|i| (0..=i).map(move |j| (i, j)))
@@ -118,7 +105,7 @@ impl Spread {
                 column += faer::Scale(weight) * covariance.col(index);
             }
         }
-        let values = ratios(&functionals, &seen, covariance, penalties, smoothness);
+        let values = ratios(&functionals, &seen, covariance, prior);
         let mut places = vec![
             Variances {
                 noise: 1.0,
