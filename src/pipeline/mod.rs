@@ -7,6 +7,7 @@ mod fit;
 mod joint;
 mod material;
 mod measure;
+mod orbit;
 mod preview;
 mod products;
 mod progress;
