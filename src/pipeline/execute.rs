@@ -11,7 +11,7 @@ use super::fit;
 use super::joint;
 use super::material;
 use super::measure::{Measured, measure};
-use super::orbit::{OrbitRefinement, refine_orbit};
+use super::orbit::{OrbitRefinement, refine_orbit, turn};
 use super::progress::Progress;
 use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Run, Verdict};
@@ -51,6 +51,9 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         Recover::Both => task.both(&mut clock)?,
         Recover::None => Recovered::default(),
     };
+    if let (Some(orbit), Some(light)) = (&orbit, &mut recovered.lighting) {
+        turn(light, orbit.mean_sigma_deg.to_radians());
+    }
     let mut warnings = measured.warnings.clone();
     warnings.append(&mut recovered.warnings);
     warnings.extend(explain::fit_warnings(recipe.recover, &measured, &recovered));
