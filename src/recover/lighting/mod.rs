@@ -54,7 +54,7 @@ pub const TABLE: usize = 720;
 /// Largest frequency of the model unless the recipe names one. A lobe of width w (2σ if it were a
 /// Gaussian) has passed 1e-6 of the light's amplitude at p ≈ 10/w; slower tails come from edges of
 /// the half circle, and errors of the surface's model drown them.
-fn model_order(brdf: &dyn Brdf) -> usize {
+pub fn model_order(brdf: &dyn Brdf) -> usize {
     (8.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
 }
 
