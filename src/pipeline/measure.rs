@@ -51,6 +51,8 @@ pub struct Measured {
     pub samples: Samples,
     /// Errors of the geometry that all samples have in common.
     pub systematics: Vec<Systematic>,
+    /// Number of pixels behind each sample, \[column\]\[n\].
+    pub pixels: Vec<Vec<f32>>,
     /// The same on the grid, for people and files.
     pub field: LightField,
     /// |θo′| beyond which nothing was used, radians.
@@ -196,6 +198,7 @@ pub fn measure(
         .concat(),
         samples,
         systematics,
+        pixels,
         field,
         limb_cut,
         reach,
