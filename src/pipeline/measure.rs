@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::lean::{self, Lean, Slant};
 use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
@@ -70,6 +71,7 @@ struct ReadView {
     channels: Vec<String>,
     outline: Outline,
     line: MeasuredLine,
+    slant: Option<Slant>,
     preview: Option<Preview>,
 }
 
@@ -134,16 +136,24 @@ pub fn measure(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
         .collect();
-    let views: Vec<Vec<Vec<Option<ViewSample>>>> = read
-        .par_iter()
-        .zip(&geometries)
-        .zip(&capture.views)
-        .map(|((read, geometry), view)| {
-            progress.step();
-            read.line
-                .samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
-        })
-        .collect();
+    let lean = Lean::of(&settled);
+    let sampled = |corrected: bool| -> Vec<Vec<Vec<Option<ViewSample>>>> {
+        read.par_iter()
+            .zip(&geometries)
+            .zip(&capture.views)
+            .map(|((read, geometry), view)| {
+                let upright = match (&lean, &read.slant) {
+                    (Some(lean), Some(slant)) if corrected => {
+                        Some(lean.corrected(&read.line, slant, geometry, view.orbit))
+                    }
+                    _ => None,
+                };
+                let line = upright.as_ref().unwrap_or(&read.line);
+                line.samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
+            })
+            .collect()
+    };
+    let views = sampled(true);
     let outline_sigma: Vec<f64> = poses
         .iter()
         .map(|p| p.sigma_lateral / capture.object.radius)
@@ -152,14 +162,20 @@ pub fn measure(
         samples,
         pixels,
         slopes,
-    } = gather(channels, &locals, &views, &outline_sigma);
+    } = gather(channels.clone(), &locals, &views, &outline_sigma);
     let field = grid(&samples, cells, &pixels);
     let two_sided = outlines
         .iter()
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    if lean.is_some() {
+        let leaning = gather(channels, &locals, &sampled(false), &outline_sigma);
+        systematics.extend(lean::systematic(&samples, &leaning.samples));
+    }
+    let mut warnings = warnings(capture, &outlines, poses, &samples);
+    warnings.extend(lean.map(|l| l.warning(read.iter().all(|v| v.slant.is_some()))));
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
@@ -172,7 +188,7 @@ pub fn measure(
         })
         .collect();
     Ok(Measured {
-        warnings: warnings(capture, &outlines, poses, &samples),
+        warnings,
         samples,
         systematics,
         pixels,
@@ -240,7 +256,12 @@ fn read_view(
     let outline = find_outline(capture, camera, view, &radiance)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
+    let slant = match capture.object.shape {
+        Shape::Cylinder => Slant::read(&radiance, &geometry, &line),
+        Shape::Sphere => None,
+    };
     Ok(ReadView {
+        slant,
         preview: shown.then(|| preview(view, &radiance, &geometry, reach)),
         channels: radiance.channels,
         outline,
