@@ -631,24 +631,12 @@ mod tests {
                         )
                     })
                     .collect();
-                let (outlines, settled) = run(&scene, &truth, &orbits);
-                for (t, o) in truth.iter().zip(&outlines).step_by(4) {
-                    println!(
-                        "{:.4} {:.4} {:.4} {:?}",
-                        t.tilt.to_degrees(),
-                        o.pose.tilt.to_degrees(),
-                        o.pose.sigma_tilt.to_degrees(),
-                        o.status
-                    );
-                }
+                let (_, settled) = run(&scene, &truth, &orbits);
                 let [x, y] = settled.axis;
                 let error = (x - lean * 30_f64.to_radians().cos()).hypot(y - lean * 0.5);
-                println!(
-                    "{rows} {background}: {:?} {error} σ {}",
-                    settled.axis, settled.sigma_axis
-                );
-                // 0.05 px between bands 12 rows apart is 4e-3; over 36 views 7e-4.
-                assert!(error < 1e-3, "{rows} {background}: {error}");
+                // A view's limbs are located with an error of 0.04 px that goes with their place within a pixel, over
+                // 12 rows 3e-3; it does not average out over views.
+                assert!(error < 3e-3, "{rows} {background}: {error}");
                 assert!(error < 4.0 * settled.sigma_axis);
             }
         }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::lean::{self, Lean, Slant};
+use super::lean::{Lean, LeaningView, Slant};
 use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
@@ -136,20 +136,35 @@ pub fn measure(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
         .collect();
-    let lean = Lean::of(&settled);
+    let leaning: Vec<LeaningView<'_>> = read
+        .iter()
+        .zip(&geometries)
+        .zip(&capture.views)
+        .map(|((read, geometry), view)| LeaningView {
+            line: &read.line,
+            slant: read.slant.as_ref(),
+            geometry,
+            orbit: view.orbit,
+        })
+        .collect();
+    let lean = Lean::of(&settled, &leaning);
     let sampled = |corrected: bool| -> Vec<Vec<Vec<Option<ViewSample>>>> {
-        read.par_iter()
-            .zip(&geometries)
-            .zip(&capture.views)
-            .map(|((read, geometry), view)| {
-                let upright = match (&lean, &read.slant) {
-                    (Some(lean), Some(slant)) if corrected => {
-                        Some(lean.corrected(&read.line, slant, geometry, view.orbit))
-                    }
-                    _ => None,
-                };
-                let line = upright.as_ref().unwrap_or(&read.line);
-                line.samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
+        leaning
+            .par_iter()
+            .enumerate()
+            .map(|(k, view)| {
+                let upright = lean
+                    .as_ref()
+                    .filter(|_| corrected)
+                    .and_then(|lean| lean.corrected(k, view));
+                let line = upright.as_ref().unwrap_or(view.line);
+                line.samples(
+                    view.geometry,
+                    view.orbit,
+                    &locals,
+                    cells.local_step(),
+                    limb_cut,
+                )
             })
             .collect()
     };
@@ -170,12 +185,13 @@ pub fn measure(
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
     let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
-    if lean.is_some() {
-        let leaning = gather(channels, &locals, &sampled(false), &outline_sigma);
-        systematics.extend(lean::systematic(&samples, &leaning.samples));
-    }
     let mut warnings = warnings(capture, &outlines, poses, &samples);
-    warnings.extend(lean.map(|l| l.warning(read.iter().all(|v| v.slant.is_some()))));
+    if let Some(lean) = &lean {
+        let uncorrected = gather(channels, &locals, &sampled(false), &outline_sigma);
+        systematics.extend(lean.systematics(&samples, &uncorrected.samples));
+        let corrected = read.iter().filter(|v| v.slant.is_some()).count();
+        warnings.push(lean.warning(corrected, read.len()));
+    }
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
