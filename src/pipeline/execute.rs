@@ -132,7 +132,8 @@ impl Task<'_> {
         };
         self.progress.stage("BRDF", 2);
         let light = described.resolve(&samples.channels, &recipe.folder)?;
-        let estimate = brdf::recover(samples, &light, &material::options(&recipe.recovery)?)?;
+        let options = material::options(&recipe.recovery)?;
+        let estimate = brdf::recover_with(samples, &self.measured.systematics, &light, &options)?;
         clock.lap("BRDF");
         self.progress.step();
         let (models, note) = material::fit_models(&estimate, self.absolute);

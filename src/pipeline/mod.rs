@@ -9,6 +9,7 @@ mod lean;
 mod material;
 mod measure;
 mod orbit;
+mod orbit_errors;
 mod preview;
 mod products;
 mod progress;

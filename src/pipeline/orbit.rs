@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::measure::Measured;
+use super::orbit_errors;
 use super::recipe::{Recipe, Recover};
 use crate::capture::Capture;
 use crate::error::Result;
@@ -59,7 +60,7 @@ impl OrbitRefinement {
 }
 
 /// Moves the samples to the refined angles, and puts what stays uncertain into their σ. `None` if the capture's
-/// angles are exact.
+/// angles are exact, or the light is known.
 ///
 /// # Errors
 /// If the recipe's BRDF cannot be read or the equations cannot be solved.
@@ -74,6 +75,12 @@ pub fn refine_orbit(
     }
     let samples = &measured.samples;
     let (views, sigma) = (capture.views.len(), stated.to_radians());
+    if recipe.recover == Recover::Brdf {
+        // Under known light the errors are fitted along with the BRDF, as the geometry's other ones.
+        let errors = orbit_errors::errors(samples, views, sigma);
+        measured.systematics.extend(errors);
+        return Ok(None);
+    }
     let found = match (&recipe.brdf, recipe.recover) {
         (Some(described), Recover::Lighting) => {
             let material = described.material(&samples.channels, &recipe.folder)?;
@@ -103,7 +110,7 @@ pub fn refine_orbit(
     // Light that is sought turns with all angles together, see `turn`; where none is, that is an error like the others.
     let gauge = match recipe.recover {
         Recover::Lighting | Recover::Both => 0.0,
-        Recover::Brdf | Recover::None => found.sigma_mean,
+        _ => found.sigma_mean,
     };
     for (c, slopes) in found.slopes.iter().enumerate() {
         for (column, slopes) in measured.samples.columns.iter_mut().zip(slopes) {
