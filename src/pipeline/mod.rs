@@ -5,6 +5,7 @@ mod execute;
 mod explain;
 mod fit;
 mod joint;
+mod lean;
 mod material;
 mod measure;
 mod orbit;
