@@ -161,6 +161,15 @@ fn encoding(capture: &Capture, first: &Info) -> Vec<String> {
                     .to_string(),
             );
         }
+        (Some(super::Encoding::Recover(_)), _) => {
+            let alone = |view: &super::View| view.photos.len() < 2;
+            if capture.views.iter().all(alone) {
+                warnings.push(
+                    "sensor.encoding is \"recover\" and no view has several photos: a response is recovered from brackets"
+                        .to_string(),
+                );
+            }
+        }
         _ => {}
     }
     if first.format == Format::Jpeg {

@@ -318,7 +318,9 @@ pub(crate) fn sensor(section: &Section<'_>, folder: &Path) -> Sensor {
                 section.fault(
                     "encoding",
                     what,
-                    Some("Write \"linear\", \"srgb\", \"gamma:2.2\" or \"response:FILE.csv\"."),
+                    Some(
+                        "Write \"linear\", \"srgb\", \"gamma:2.2\", \"response:FILE.csv\" or \"recover\".",
+                    ),
                 );
             })
             .ok()
@@ -379,6 +381,7 @@ fn encoding(text: &str, folder: &Path) -> std::result::Result<Encoding, String> 
     match text.split_once(':') {
         None if text == "linear" => Ok(Encoding::Linear),
         None if text == "srgb" => Ok(Encoding::Srgb),
+        None if text == "recover" => Ok(Encoding::Recover(None)),
         Some(("gamma", number)) => match number.trim().parse::<f64>() {
             Ok(gamma) if (0.1..=10.0).contains(&gamma) => Ok(Encoding::Gamma(gamma)),
             _ => Err(format!(

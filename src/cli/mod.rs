@@ -1,6 +1,7 @@
 //! Arguments, progress bars, printing: the only place that prints.
 
 mod check;
+mod compare;
 mod init;
 mod paper;
 mod prefilter;
@@ -75,6 +76,8 @@ enum Command {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// Two products of the same kind: factor, error, where, and whether within the error bars
+    Compare(compare::Arguments),
     /// The report again, from what a run left in its folder
     #[command(after_help = "Example:\n  flatlight report out/\n  then open out/report.html")]
     Report {
@@ -135,6 +138,7 @@ pub fn main() -> ExitCode {
         } => run::run(recipe, capture, out, *force, &arguments.common),
         Command::Init { folder } => init::run(folder, &arguments.common),
         Command::Check { capture } => check::run(capture, &arguments.common),
+        Command::Compare(wanted) => compare::compare(wanted, &arguments.common),
         Command::Report { run } => report::run(run, &arguments.common),
         Command::Simulate { recipe, out, force } => {
             simulate::run(recipe, out, *force, &arguments.common)

@@ -11,6 +11,7 @@ use super::fit;
 use super::joint;
 use super::material;
 use super::measure::{Measured, measure};
+use super::orbit::{OrbitRefinement, refine_orbit, turn};
 use super::progress::Progress;
 use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Run, Verdict};
@@ -25,8 +26,12 @@ use crate::recover::{Status, brdf, factorise, lighting};
 /// Whatever is wrong with photos, recipe or their combination; nothing is written.
 pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> Result<Run> {
     let mut clock = Clock::new();
-    let measured = measure(capture, &recipe.light_field, progress)?;
+    let mut measured = measure(capture, &recipe.light_field, progress)?;
     clock.lap("photos to light field");
+    let orbit = refine_orbit(&mut measured, recipe, capture)?;
+    if orbit.is_some() {
+        clock.lap("orbit angles");
+    }
     let spectrum = spectrum(&measured.samples);
     clock.lap("spectrum");
     let radiance_unit = if capture.sensor.responsivity.is_some() || is_float(capture) {
@@ -46,12 +51,16 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         Recover::Both => task.both(&mut clock)?,
         Recover::None => Recovered::default(),
     };
+    if let (Some(orbit), Some(light)) = (&orbit, &mut recovered.lighting) {
+        turn(light, orbit.mean_sigma_deg.to_radians());
+    }
     let mut warnings = measured.warnings.clone();
     warnings.append(&mut recovered.warnings);
     warnings.extend(explain::fit_warnings(recipe.recover, &measured, &recovered));
     let warnings = explain::grouped(warnings);
     refuse(&mut recovered);
-    let findings = explain::findings(recipe, &measured, &recovered);
+    let mut findings = explain::findings(recipe, &measured, &recovered);
+    findings.extend(orbit.as_ref().map(OrbitRefinement::finding));
     Ok(Run {
         title: recipe.title.clone().unwrap_or_else(|| capture.name.clone()),
         recover: recipe.recover.word().into(),
@@ -62,6 +71,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         radiance_unit: radiance_unit.into(),
         limb_cut: measured.limb_cut,
         views: measured.views,
+        orbit,
         previews: measured.previews,
         light_field: measured.field,
         spectrum,
@@ -122,7 +132,8 @@ impl Task<'_> {
         };
         self.progress.stage("BRDF", 2);
         let light = described.resolve(&samples.channels, &recipe.folder)?;
-        let estimate = brdf::recover(samples, &light, &material::options(&recipe.recovery)?)?;
+        let options = material::options(&recipe.recovery)?;
+        let estimate = brdf::recover_with(samples, &self.measured.systematics, &light, &options)?;
         clock.lap("BRDF");
         self.progress.step();
         let (models, note) = material::fit_models(&estimate, self.absolute);

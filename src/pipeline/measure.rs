@@ -17,7 +17,7 @@ use crate::light_field::{
     Gathered, LightField, MeasuredLine, Samples, Systematic, ViewSample, automatic_limb_cut,
     gather, grid,
 };
-use crate::radiance::{self, Radiance};
+use crate::radiance::{self, Developed, Radiance};
 
 /// Rows above and below the cross-section that the outline is searched in, pixels.
 const OUTLINE_ROWS: f64 = 48.0;
@@ -38,6 +38,8 @@ const LIMB_ERROR_PX: f64 = 0.03;
 /// of the object does.
 const ONE_SIDED_ERROR_PX: f64 = 1.0;
 const TWO_SIDED: f64 = 0.5;
+/// Change of an exposure time by the brackets (log) from which it is told.
+const TIME_CHANGE: f64 = 0.01;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
 const PREVIEWS: usize = 4;
@@ -49,6 +51,8 @@ pub struct Measured {
     pub samples: Samples,
     /// Errors of the geometry that all samples have in common.
     pub systematics: Vec<Systematic>,
+    /// Number of pixels behind each sample, \[column\]\[n\].
+    pub pixels: Vec<Vec<f32>>,
     /// The same on the grid, for people and files.
     pub field: LightField,
     /// |θo′| beyond which nothing was used, radians.
@@ -68,6 +72,7 @@ struct ReadView {
     channels: Vec<String>,
     outline: Outline,
     line: MeasuredLine,
+    exposures: Vec<radiance::Found>,
     preview: Option<Preview>,
 }
 
@@ -80,6 +85,8 @@ pub fn measure(
     options: &LightFieldOptions,
     progress: &dyn Progress,
 ) -> Result<Measured> {
+    let (capture, response) = radiance::resolved(capture)?;
+    let capture = &capture;
     let camera = CameraModel::new(&capture.camera)?;
     let nominal = |view: usize| {
         ViewGeometry::new(
@@ -170,9 +177,15 @@ pub fn measure(
         })
         .collect();
     Ok(Measured {
-        warnings: warnings(capture, &outlines, poses, &samples),
+        warnings: [
+            response.iter().map(response_note).collect(),
+            exposure_warnings(capture, &read),
+            warnings(capture, &outlines, poses, &samples),
+        ]
+        .concat(),
         samples,
         systematics,
+        pixels,
         field,
         limb_cut,
         reach,
@@ -189,9 +202,13 @@ fn spread(n: usize, count: usize) -> Vec<usize> {
 }
 
 fn first_file(capture: &Capture, view: usize) -> String {
+    photo_file(capture, view, 0)
+}
+
+fn photo_file(capture: &Capture, view: usize, photo: usize) -> String {
     capture.views[view]
         .photos
-        .first()
+        .get(photo)
         .map_or_else(String::new, |p| p.file.display().to_string())
 }
 
@@ -233,7 +250,10 @@ fn read_view(
 ) -> Result<ReadView> {
     let roll = capture.views[view].plane_roll;
     let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
-    let radiance = radiance::view(capture, view, rows_needed(capture, &nominal, reach))?;
+    let Developed {
+        radiance,
+        exposures,
+    } = radiance::develop(capture, view, rows_needed(capture, &nominal, reach))?;
     let outline = find_outline(capture, camera, view, &radiance)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
@@ -242,6 +262,7 @@ fn read_view(
         channels: radiance.channels,
         outline,
         line,
+        exposures,
     })
 }
 
@@ -393,6 +414,57 @@ fn systematics(
         ),
         build("apparent radius", &|local, _| scale * local.tan()),
     ]
+}
+
+/// How well the response was recovered from the brackets.
+fn response_note(found: &radiance::Recovery) -> String {
+    let curve = &found.curve;
+    let sigmas = curve.linear.iter().zip(&curve.sigma).flat_map(|(x, s)| {
+        let rows = x.len();
+        let middle = x.iter().zip(s).take(rows * 9 / 10).skip(rows / 10);
+        middle.map(|(x, s)| s / x)
+    });
+    let times = found.times.iter().map(|(_, factor)| factor.ln().abs());
+    format!(
+        "The camera's response was recovered from {} patches of the brackets (σ up to {:.1} % of the light over the middle 80 % of the codes; \
+         exposure times up to {:.1} % other than stated; misfit {:.1} times the noise); the scale between channels is that of a grey of the middle code.",
+        found.patches,
+        100.0 * sigmas.fold(0.0, f64::max),
+        100.0 * times.fold(0.0, f64::max),
+        found.misfit
+    )
+}
+
+/// What the brackets showed to be other than stated: photos moved against each other, exposure times.
+fn exposure_warnings(capture: &Capture, read: &[ReadView]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let mut worst: Option<(f64, usize, usize)> = None;
+    for (v, view) in read.iter().enumerate() {
+        for (p, found) in view.exposures.iter().enumerate() {
+            let [dx, dy] = found.shift.by;
+            if found.shift.by != [0.0; 2] {
+                let [sx, sy] = found.shift.sigma;
+                warnings.push(format!(
+                    "View {v}: \"{}\" lay ({dx:.2} ± {sx:.2}, {dy:.2} ± {sy:.2}) pixels off the view's other photos and was moved back.",
+                    photo_file(capture, v, p)
+                ));
+            }
+            let change = found.time_factor.ln();
+            if worst.is_none_or(|(largest, ..)| change.abs() > f64::abs(largest)) {
+                worst = Some((change, v, p));
+            }
+        }
+    }
+    if let Some((change, v, p)) = worst
+        && change.abs() > TIME_CHANGE
+    {
+        warnings.push(format!(
+            "The brackets show exposure times other than stated, and were merged with those; the most in view {v}: \"{}\" by {:+.1} %.",
+            photo_file(capture, v, p),
+            100.0 * change.exp_m1()
+        ));
+    }
+    warnings
 }
 
 fn warnings(

@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::photo::{self, Photo, Storage};
 
 /// The signal of one photo's rows.
+#[derive(Clone)]
 pub(super) struct Exposure {
     /// Exposure time, seconds.
     pub seconds: f64,

@@ -43,6 +43,15 @@ impl Response {
             Encoding::Srgb => Self::Srgb,
             Encoding::Gamma(gamma) => Self::Gamma(*gamma),
             Encoding::Response(file) => Self::read(&folder.join(file))?,
+            Encoding::Recover(Some(curve)) => Self::Table {
+                stored: curve.stored.clone(),
+                linear: curve.linear.clone(),
+            },
+            Encoding::Recover(None) => {
+                return Err(Error::failed(
+                    "the response was not recovered before the photos were read",
+                ));
+            }
         })
     }
 

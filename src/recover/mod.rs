@@ -4,5 +4,6 @@ pub mod brdf;
 pub mod factorise;
 pub mod lighting;
 pub mod normal;
+pub mod orbit;
 
 pub use crate::lighting::Status;

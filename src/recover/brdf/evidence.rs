@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::information::Information;
+use super::information::{Equations, Information};
 use super::prior::{Factor, Penalties, Relief, Smoothness};
 use crate::Result;
 
@@ -59,9 +59,8 @@ struct Fit {
 
 /// The problem on splines coarse enough for dense algebra at every trial.
 struct Level {
-    information: Mat<f64>,
-    right_side: Vec<f64>,
-    square: f64,
+    /// With all variances times the noise of the moment.
+    equations: Equations,
     count: f64,
     penalties: Penalties,
     /// Number of coefficients of the full square.
@@ -70,15 +69,15 @@ struct Level {
 }
 
 impl Level {
-    fn fit(&self, smoothness: &Smoothness, noise: f64) -> Result<Fit> {
-        let mut matrix = faer::Scale(1.0 / noise) * &self.information;
+    fn fit(&self, smoothness: &Smoothness) -> Result<Fit> {
+        let mut matrix = self.equations.matrix.clone();
         self.penalties.add_dense(smoothness, &mut matrix);
         let a = Factor::new(&matrix)?;
-        let rhs: Vec<f64> = self.right_side.iter().map(|h| h / noise).collect();
-        let x = a.solve_vector(&rhs);
+        let rhs = &self.equations.right_side;
+        let x = a.solve_vector(rhs);
         let gain: f64 = rhs.iter().zip(&x).map(|(h, x)| h * x).sum();
         let penalty: f64 = weighted(smoothness, &self.penalties.values(&x));
-        let chi_square = (self.square / noise - gain - penalty).max(0.0);
+        let chi_square = (self.equations.square - gain - penalty).max(0.0);
         Ok(Fit {
             x,
             a,
@@ -88,7 +87,7 @@ impl Level {
     }
 
     fn prior(&self, smoothness: &Smoothness) -> Result<Factor> {
-        let n = self.right_side.len();
+        let n = self.equations.right_side.len();
         let mut matrix = Mat::zeros(n, n);
         self.penalties.add_dense(smoothness, &mut matrix);
         Factor::new(&matrix)
@@ -147,26 +146,26 @@ fn limited(w: [f64; 3], spacing: f64, longest: f64) -> [f64; 3] {
 ///
 /// Fixed point of MacKay as generalised by Wood and Fasiolo ("A generalized Fellner–Schall method for
 /// smoothing parameter optimization", Biometrics 73, 2017): each weight times
-/// (tr P⁻¹P_k − tr A⁻¹P_k) / x̂ᵀP_k x̂, which raises the evidence at every step. With it the noise: where the
+/// the root of (tr P⁻¹P_k − tr A⁻¹P_k) / x̂ᵀP_k x̂. With it the noise: where the
 /// residual is larger than the variances allow, all of them are scaled up.
+///
+/// The evidence about its maximum is computed if `curve` asks for it.
 ///
 /// # Errors
 /// If the normal equations cannot be factored.
-pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
+pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Learnt> {
     let basis = information.basis;
     let n = basis.pairs();
     let mut rng = ChaCha8Rng::seed_from_u64(0x5eed_b4df);
     let mut relief = Relief::flat(basis);
     let mut level = Level {
-        information: information.dense(1.0),
-        right_side: information.right_side(),
-        square: information.square,
+        equations: information.equations(1.0)?,
         count: information.count as f64,
         penalties: Penalties::new(basis, &relief),
         places: basis.len() * basis.len(),
         white: Mat::from_fn(n, PROBES, |_, _| StandardNormal.sample(&mut rng)),
     };
-    let mean_information = (0..n).map(|i| level.information[(i, i)]).sum::<f64>() / n as f64;
+    let mean_information = (0..n).map(|i| level.equations.matrix[(i, i)]).sum::<f64>() / n as f64;
     let mut noise = 1.0;
     // Start: a prior that says next to nothing, smooth over 0.1 rad; its fit gives the first amplitude.
     let shape = |amplitude: f64| {
@@ -178,7 +177,7 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
         }
     };
     let h2 = basis.spacing().powi(2);
-    let start = level.fit(&shape(1e-4 * mean_information / h2), noise)?;
+    let start = level.fit(&shape(1e-4 * mean_information / h2))?;
     let size = level.penalties.values(&start.x)[0].max(f64::MIN_POSITIVE);
     // A prior may at most be a hundred million times as strong as the samples, or a black object would make it
     // infinite.
@@ -187,7 +186,7 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
     let mut largest = 0.0;
     for round in 0..ROUNDS {
         let now = smoothness;
-        let fit = level.fit(&now, noise)?;
+        let fit = level.fit(&now)?;
         largest = fit.x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let prior_draws = level.draws(&level.prior(&now)?);
         let draws = level.draws(&fit.a);
@@ -199,8 +198,9 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
         for k in 0..3 {
             // A floor keeps a step finite where the data say nothing about this form.
             let determined = (prior_traces[k] - traces[k]).max(1e-3 * prior_traces[k]);
-            let ratio = determined / (before[k] * values[k]).max(f64::MIN_POSITIVE) * before[k];
-            after[k] = before[k] * ratio.clamp(1.0 / 30.0, 30.0);
+            let ratio = determined / (before[k] * values[k]).max(f64::MIN_POSITIVE);
+            // The root: with the whole step weights that a limit ties together swing about the maximum for ever.
+            after[k] = before[k] * ratio.sqrt().clamp(1.0 / 30.0, 30.0);
         }
         after[0] = after[0].min(strongest);
         let after = limited(after, basis.spacing(), longest);
@@ -217,7 +217,10 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
                 1.0
             };
             settled = (wanted / noise).ln().abs() < 0.05;
-            noise = wanted;
+            if wanted != noise {
+                noise = wanted;
+                level.equations = information.equations(noise)?;
+            }
         }
         settled &= before
             .iter()
@@ -238,8 +241,9 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
             break;
         }
     }
-    let curve = (-4..=4)
-        .map(|k| point(&level, &smoothness, noise, 10f64.powf(f64::from(k) * 0.5)))
+    let points = if curve { -4..=4 } else { 1..=0 };
+    let curve = points
+        .map(|k| point(&level, &smoothness, 10f64.powf(f64::from(k) * 0.5)))
         .collect::<Result<_>>()?;
     Ok(Learnt {
         smoothness,
@@ -249,14 +253,14 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
     })
 }
 
-fn point(level: &Level, chosen: &Smoothness, noise: f64, factor: f64) -> Result<CurvePoint> {
+fn point(level: &Level, chosen: &Smoothness, factor: f64) -> Result<CurvePoint> {
     let smoothness = chosen.times(factor);
-    let fit = level.fit(&smoothness, noise)?;
-    let n = level.right_side.len() as f64;
+    let fit = level.fit(&smoothness)?;
+    let n = level.equations.right_side.len() as f64;
     let parameters = n - weighted(&smoothness, &level.traces(&level.draws(&fit.a)));
     // ln |P| scales by n ln factor; its value at the maximum is a constant of the curve.
     let evidence =
-        0.5 * (n * factor.ln() - fit.a.log_determinant() - (level.square / noise - fit.gain));
+        0.5 * (n * factor.ln() - fit.a.log_determinant() - (level.equations.square - fit.gain));
     let free = (level.count - parameters).max(1.0);
     Ok(CurvePoint {
         factor,
