@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::lean::{Lean, LeaningView, Slant};
 use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
@@ -72,6 +73,7 @@ struct ReadView {
     channels: Vec<String>,
     outline: Outline,
     line: MeasuredLine,
+    slant: Option<Slant>,
     exposures: Vec<radiance::Found>,
     preview: Option<Preview>,
 }
@@ -139,16 +141,39 @@ pub fn measure(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
         .collect();
-    let mut views: Vec<Vec<Vec<Option<ViewSample>>>> = read
-        .par_iter()
+    let leaning: Vec<LeaningView<'_>> = read
+        .iter()
         .zip(&geometries)
         .zip(&capture.views)
-        .map(|((read, geometry), view)| {
-            progress.step();
-            read.line
-                .samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
+        .map(|((read, geometry), view)| LeaningView {
+            line: &read.line,
+            slant: read.slant.as_ref(),
+            geometry,
+            orbit: view.orbit,
         })
         .collect();
+    let lean = Lean::of(&settled, &leaning);
+    let sampled = |corrected: bool| -> Vec<Vec<Vec<Option<ViewSample>>>> {
+        leaning
+            .par_iter()
+            .enumerate()
+            .map(|(k, view)| {
+                let upright = lean
+                    .as_ref()
+                    .filter(|_| corrected)
+                    .and_then(|lean| lean.corrected(k, view));
+                let line = upright.as_ref().unwrap_or(view.line);
+                line.samples(
+                    view.geometry,
+                    view.orbit,
+                    &locals,
+                    cells.local_step(),
+                    limb_cut,
+                )
+            })
+            .collect()
+    };
+    let mut views = sampled(true);
     let outline_sigma: Vec<f64> = poses
         .iter()
         .map(|p| p.sigma_lateral / capture.object.radius)
@@ -156,14 +181,8 @@ pub fn measure(
     let mut gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
     let jitter = jitter(&gathered.samples, views.len());
     if let Some(jitter) = &jitter {
-        for (view, factor) in views.iter_mut().zip(&jitter.factor) {
-            for sample in view.iter_mut().flatten().flatten() {
-                sample.value /= factor;
-                sample.slope /= factor;
-                sample.variance /= factor * factor;
-            }
-        }
-        gathered = gather(channels, &locals, &views, &outline_sigma);
+        steady(&mut views, jitter);
+        gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
     }
     let Gathered {
         samples,
@@ -176,7 +195,18 @@ pub fn measure(
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    let mut seen = warnings(capture, &outlines, poses, &samples);
+    if let Some(lean) = &lean {
+        let mut uncorrected = sampled(false);
+        if let Some(jitter) = &jitter {
+            steady(&mut uncorrected, jitter);
+        }
+        let uncorrected = gather(channels, &locals, &uncorrected, &outline_sigma);
+        systematics.extend(lean.systematics(&samples, &uncorrected.samples));
+        let corrected = read.iter().filter(|v| v.slant.is_some()).count();
+        seen.push(lean.warning(corrected, read.len()));
+    }
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
@@ -193,7 +223,7 @@ pub fn measure(
             response.iter().map(response_note).collect(),
             exposure_warnings(capture, &read),
             jitter.iter().map(|j| jitter_note(capture, j)).collect(),
-            warnings(capture, &outlines, poses, &samples),
+            seen,
         ]
         .concat(),
         samples,
@@ -205,6 +235,17 @@ pub fn measure(
         views: records,
         previews: read.into_iter().filter_map(|v| v.preview).collect(),
     })
+}
+
+/// Takes the views' exposure jitter out of their samples, \[view\]\[column\].
+fn steady(views: &mut [Vec<Vec<Option<ViewSample>>>], jitter: &Jitter) {
+    for (view, factor) in views.iter_mut().zip(&jitter.factor) {
+        for sample in view.iter_mut().flatten().flatten() {
+            sample.value /= factor;
+            sample.slope /= factor;
+            sample.variance /= factor * factor;
+        }
+    }
 }
 
 /// `count` indices spread evenly over 0 … n−1.
@@ -290,7 +331,12 @@ fn read_view(
     let (radiance, outline, exposures) = photographed(capture, camera, view, rows)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
+    let slant = match capture.object.shape {
+        Shape::Cylinder => Slant::read(&radiance, &geometry, &line),
+        Shape::Sphere => None,
+    };
     Ok(ReadView {
+        slant,
         preview: shown.then(|| preview(view, &radiance, &geometry, reach)),
         channels: radiance.channels,
         outline,
