@@ -213,6 +213,8 @@ pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
 pub(super) struct Headers {
     /// Size of the first photo that can be opened.
     pub(super) size: Option<[u32; 2]>,
+    /// Whether photos should have been there and were not, which was reported.
+    pub(super) no_photos: bool,
     /// Exposure time by file, where the description gives none.
     exposure_s: HashMap<PathBuf, Option<f64>>,
 }
@@ -227,6 +229,7 @@ impl Headers {
             .collect();
         // A photo that cannot be opened is told when its pixels are wanted.
         Self {
+            no_photos: false,
             size: photos()
                 .find_map(|photo| Some(photo::info(&folder.join(&photo.file)).ok()?.size)),
             exposure_s: unstated

@@ -1,5 +1,6 @@
 //! Recipes, the order of the stages, products and provenance.
 
+mod advice;
 mod brdf_products;
 mod execute;
 mod explain;
