@@ -46,6 +46,11 @@ pub struct Settled {
     pub sigma_radius_scale: f64,
     /// Standard deviation of what views have of their own in lateral offset, metres.
     pub jitter: f64,
+    /// Lean of a cylinder's axis in the frame of the orbit angles, radians: towards 0° and towards 90°. It shows as a tilt
+    /// that goes with the sine of the orbit angle; a tilt that all views share is the camera's own.
+    pub axis: [f64; 2],
+    /// Standard deviation of each.
+    pub sigma_axis: f64,
     /// Views whose measured outline contradicts the others and was left aside (a shadow's edge, a
     /// stand taken for the limb).
     pub set_aside: Vec<usize>,
@@ -198,11 +203,11 @@ pub fn settle(outlines: &[Outline], capture: &Capture) -> Result<Settled> {
     }
     set_aside.sort_unstable();
     set_aside.dedup();
-    let tilts = setting.harmonic(
+    let (tilts, tilt, sigma_axis) = setting.harmonic(
         outlines.iter().map(|o| (o.pose.tilt, o.pose.sigma_tilt)),
         0.05,
     );
-    let heights = setting.harmonic(
+    let (heights, ..) = setting.harmonic(
         outlines
             .iter()
             .map(|o| (o.pose.offset[2], o.sigma_vertical)),
@@ -239,6 +244,12 @@ pub fn settle(outlines: &[Outline], capture: &Capture) -> Result<Settled> {
         radius_scale: 1.0 + common[3],
         sigma_radius_scale: sigma(3),
         jitter: jitter.sqrt(),
+        axis: if sphere {
+            [0.0; 2]
+        } else {
+            [tilt[1], -tilt[2]]
+        },
+        sigma_axis,
         set_aside,
     })
 }
@@ -384,8 +395,12 @@ impl Setting {
     }
 
     /// Draws one number per view (value, σ) towards a + b sin φ + c cos φ; `prior` is the σ of each
-    /// term about 0.
-    fn harmonic(&self, values: impl Iterator<Item = (f64, f64)>, prior: f64) -> Vec<(f64, f64)> {
+    /// term about 0. Also a, b, c, and the larger σ of b and c.
+    fn harmonic(
+        &self,
+        values: impl Iterator<Item = (f64, f64)>,
+        prior: f64,
+    ) -> (Vec<(f64, f64)>, [f64; 3], f64) {
         let values: Vec<_> = values.collect();
         let rows: Vec<SVector<f64, 3>> = self
             .orbit
@@ -396,13 +411,17 @@ impl Setting {
         let mut fitted = SVector::<f64, 3>::zeros();
         let mut covariance = SMatrix::<f64, 3, 3>::zeros();
         let mut spread = 0.0;
-        for _ in 0..10 {
+        for iteration in 0..20 {
             let mut normal = SMatrix::<f64, 3, 3>::identity() / (prior * prior);
             let mut right = SVector::<f64, 3>::zeros();
             for (row, (value, sigma)) in rows.iter().zip(&values).filter(|(_, v)| usable(v)) {
                 let variance = sigma * sigma + spread;
                 let miss = value - row.dot(&fitted);
-                let weight = 1.0 / (variance + miss * miss / 4.0);
+                // By their own σ alone at first: far from the truth the right ones would count least.
+                let weight = match iteration {
+                    0 => 1.0 / variance,
+                    _ => 1.0 / (variance + miss * miss / 4.0),
+                };
                 normal.ger(weight, row, row, 1.0);
                 right += row * (weight * value);
             }
@@ -418,7 +437,8 @@ impl Setting {
                     .map(|(row, (value, sigma))| (value - row.dot(&fitted), sigma * sigma)),
             );
         }
-        rows.iter()
+        let drawn = rows
+            .iter()
             .zip(&values)
             .map(|(row, measured)| {
                 let common = row.dot(&fitted);
@@ -433,7 +453,9 @@ impl Setting {
                     (common, (spread + model).sqrt())
                 }
             })
-            .collect()
+            .collect();
+        let sigma = covariance[(1, 1)].max(covariance[(2, 2)]).max(0.0).sqrt();
+        (drawn, fitted.into(), sigma)
     }
 }
 
@@ -584,6 +606,38 @@ mod tests {
                 let e = errors(&scene, off);
                 assert!(e.alpha_deg < 0.05, "{shape:?} {off}: {}°", e.alpha_deg);
                 assert!(e.sigmas < 4.0, "{shape:?} {off}: {} σ", e.sigmas);
+            }
+        }
+    }
+
+    #[test]
+    fn a_leaning_axis_is_found() {
+        let orbits = orbits(36);
+        let lean = 1_f64.to_radians();
+        for rows in [16, 48] {
+            for background in [0.0, 0.3] {
+                let mut scene = Scene::new(Shape::Cylinder, [480, rows]);
+                scene.background = background;
+                // Towards 30° of the orbit, and a camera that is rolled by 0.3°.
+                let roll = 0.3_f64.to_radians();
+                let truth: Vec<Pose> = orbits
+                    .iter()
+                    .map(|o| {
+                        seen_from(
+                            *o,
+                            [0.0; 2],
+                            0.0,
+                            roll + lean * (o - 30_f64.to_radians()).sin(),
+                        )
+                    })
+                    .collect();
+                let (_, settled) = run(&scene, &truth, &orbits);
+                let [x, y] = settled.axis;
+                let error = (x - lean * 30_f64.to_radians().cos()).hypot(y - lean * 0.5);
+                // A view's limbs are located with an error of 0.04 px that goes with their place within a pixel, over
+                // 12 rows 3e-3; it does not average out over views.
+                assert!(error < 3e-3, "{rows} {background}: {error}");
+                assert!(error < 4.0 * settled.sigma_axis);
             }
         }
     }

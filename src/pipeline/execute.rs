@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::advice;
 use super::explain;
 use super::fit;
 use super::joint;
@@ -41,6 +42,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     };
     let task = Task {
         recipe,
+        capture,
         measured: &measured,
         absolute: radiance_unit.starts_with('W'),
         progress,
@@ -61,6 +63,11 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     refuse(&mut recovered);
     let mut findings = explain::findings(recipe, &measured, &recovered);
     findings.extend(orbit.as_ref().map(OrbitRefinement::finding));
+    // It rests on the first channel's result.
+    let accepted = |f: &&fit::FitQuality| f.verdict != Verdict::Refused;
+    if recovered.fit.first().filter(accepted).is_some() {
+        findings.extend(recovered.advice.take());
+    }
     Ok(Run {
         title: recipe.title.clone().unwrap_or_else(|| capture.name.clone()),
         recover: recipe.recover.word().into(),
@@ -93,6 +100,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
 /// What every recovery starts from.
 struct Task<'a> {
     recipe: &'a Recipe,
+    capture: &'a Capture,
     measured: &'a Measured,
     /// Whether radiance is on its absolute scale.
     absolute: bool,
@@ -119,6 +127,8 @@ impl Task<'_> {
         let on_samples = lighting::predict(&estimate, &material, samples);
         let mut recovered = self.residuals(&on_grid, &on_samples);
         clock.lap("residual");
+        recovered.advice = advice::on_lighting(self.capture, self.measured, &material, &estimate);
+        clock.lap("advice");
         recovered.warnings = model.warnings();
         recovered.lighting = Some(estimate);
         self.progress.step();
@@ -144,6 +154,8 @@ impl Task<'_> {
         let on_samples = fit::predict(&light, &slice, samples)?;
         let mut recovered = self.residuals(&on_grid, &on_samples);
         clock.lap("residual");
+        recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
+        clock.lap("advice");
         recovered.warnings = estimate.warnings.clone();
         recovered.warnings.extend(note);
         recovered.brdf = Some(estimate);
@@ -184,6 +196,8 @@ impl Task<'_> {
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         clock.lap("residual");
         self.progress.step();
+        recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
+        clock.lap("advice");
         recovered.warnings = explain::factorisation_warnings(&found);
         recovered.warnings.extend(estimate.warnings.iter().cloned());
         recovered.warnings.extend(note);

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::lean::{Lean, LeaningView, Slant};
 use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
@@ -14,8 +15,8 @@ use crate::geometry::outline::{self, Outline, Search};
 use crate::geometry::{CameraModel, Pose, Settled, Side, ViewGeometry, settle};
 use crate::grid::Grid;
 use crate::light_field::{
-    Gathered, LightField, MeasuredLine, Samples, Systematic, ViewSample, automatic_limb_cut,
-    gather, grid,
+    Gathered, Jitter, LightField, MeasuredLine, Samples, Systematic, ViewSample,
+    automatic_limb_cut, gather, grid, jitter, runs_backwards,
 };
 use crate::radiance::{self, Developed, Radiance};
 
@@ -72,6 +73,7 @@ struct ReadView {
     channels: Vec<String>,
     outline: Outline,
     line: MeasuredLine,
+    slant: Option<Slant>,
     exposures: Vec<radiance::Found>,
     preview: Option<Preview>,
 }
@@ -139,32 +141,72 @@ pub fn measure(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
         .collect();
-    let views: Vec<Vec<Vec<Option<ViewSample>>>> = read
-        .par_iter()
+    let leaning: Vec<LeaningView<'_>> = read
+        .iter()
         .zip(&geometries)
         .zip(&capture.views)
-        .map(|((read, geometry), view)| {
-            progress.step();
-            read.line
-                .samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
+        .map(|((read, geometry), view)| LeaningView {
+            line: &read.line,
+            slant: read.slant.as_ref(),
+            geometry,
+            orbit: view.orbit,
         })
         .collect();
+    let lean = Lean::of(&settled, &leaning);
+    let sampled = |corrected: bool| -> Vec<Vec<Vec<Option<ViewSample>>>> {
+        leaning
+            .par_iter()
+            .enumerate()
+            .map(|(k, view)| {
+                let upright = lean
+                    .as_ref()
+                    .filter(|_| corrected)
+                    .and_then(|lean| lean.corrected(k, view));
+                let line = upright.as_ref().unwrap_or(view.line);
+                line.samples(
+                    view.geometry,
+                    view.orbit,
+                    &locals,
+                    cells.local_step(),
+                    limb_cut,
+                )
+            })
+            .collect()
+    };
+    let mut views = sampled(true);
     let outline_sigma: Vec<f64> = poses
         .iter()
         .map(|p| p.sigma_lateral / capture.object.radius)
         .collect();
+    let mut gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
+    let jitter = jitter(&gathered.samples, views.len());
+    if let Some(jitter) = &jitter {
+        steady(&mut views, jitter);
+        gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
+    }
     let Gathered {
         samples,
         pixels,
         slopes,
-    } = gather(channels, &locals, &views, &outline_sigma);
+    } = gathered;
     let field = grid(&samples, cells, &pixels);
     let two_sided = outlines
         .iter()
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    let mut seen = warnings(capture, &outlines, poses, &samples);
+    if let Some(lean) = &lean {
+        let mut uncorrected = sampled(false);
+        if let Some(jitter) = &jitter {
+            steady(&mut uncorrected, jitter);
+        }
+        let uncorrected = gather(channels, &locals, &uncorrected, &outline_sigma);
+        systematics.extend(lean.systematics(&samples, &uncorrected.samples));
+        let corrected = read.iter().filter(|v| v.slant.is_some()).count();
+        seen.push(lean.warning(corrected, read.len()));
+    }
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
@@ -180,7 +222,8 @@ pub fn measure(
         warnings: [
             response.iter().map(response_note).collect(),
             exposure_warnings(capture, &read),
-            warnings(capture, &outlines, poses, &samples),
+            jitter.iter().map(|j| jitter_note(capture, j)).collect(),
+            seen,
         ]
         .concat(),
         samples,
@@ -192,6 +235,17 @@ pub fn measure(
         views: records,
         previews: read.into_iter().filter_map(|v| v.preview).collect(),
     })
+}
+
+/// Takes the views' exposure jitter out of their samples, \[view\]\[column\].
+fn steady(views: &mut [Vec<Vec<Option<ViewSample>>>], jitter: &Jitter) {
+    for (view, factor) in views.iter_mut().zip(&jitter.factor) {
+        for sample in view.iter_mut().flatten().flatten() {
+            sample.value /= factor;
+            sample.slope /= factor;
+            sample.variance /= factor * factor;
+        }
+    }
 }
 
 /// `count` indices spread evenly over 0 … n−1.
@@ -241,6 +295,29 @@ fn find_outline(
     }
 }
 
+/// Some rows of a view as far as its masks let them be used, and the outline in them.
+fn photographed(
+    capture: &Capture,
+    camera: &CameraModel,
+    view: usize,
+    rows: Range<u32>,
+) -> Result<(Radiance, Outline, Vec<radiance::Found>)> {
+    let Developed {
+        radiance,
+        exposures,
+    } = radiance::develop(capture, view, rows)?;
+    let Some(masked) = radiance::masked(capture, view, &radiance)? else {
+        let outline = find_outline(capture, camera, view, &radiance)?;
+        return Ok((radiance, outline, exposures));
+    };
+    let mut outline = find_outline(capture, camera, view, &masked)?;
+    // A mask that follows the object hides its limb, which the photo itself may show.
+    if outline.sides() == [false, false] {
+        outline = find_outline(capture, camera, view, &radiance)?;
+    }
+    Ok((masked, outline, exposures))
+}
+
 fn read_view(
     capture: &Capture,
     camera: &CameraModel,
@@ -250,14 +327,16 @@ fn read_view(
 ) -> Result<ReadView> {
     let roll = capture.views[view].plane_roll;
     let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
-    let Developed {
-        radiance,
-        exposures,
-    } = radiance::develop(capture, view, rows_needed(capture, &nominal, reach))?;
-    let outline = find_outline(capture, camera, view, &radiance)?;
+    let rows = rows_needed(capture, &nominal, reach);
+    let (radiance, outline, exposures) = photographed(capture, camera, view, rows)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
+    let slant = match capture.object.shape {
+        Shape::Cylinder => Slant::read(&radiance, &geometry, &line),
+        Shape::Sphere => None,
+    };
     Ok(ReadView {
+        slant,
         preview: shown.then(|| preview(view, &radiance, &geometry, reach)),
         channels: radiance.channels,
         outline,
@@ -284,8 +363,8 @@ fn choose_reach(capture: &Capture, camera: &CameraModel) -> Result<f64> {
             let roll = capture.views[view].plane_roll;
             let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
             let rows = rows_needed(capture, &nominal, widest);
-            let radiance = radiance::view(capture, view, rows).map_err(place)?;
-            let outline = find_outline(capture, camera, view, &radiance).map_err(place)?;
+            let (radiance, outline, _) =
+                photographed(capture, camera, view, rows).map_err(place)?;
             let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
             let lines: Vec<MeasuredLine> = candidates
                 .iter()
@@ -435,6 +514,20 @@ fn response_note(found: &radiance::Recovery) -> String {
     )
 }
 
+/// How much the views' exposures were found to jitter.
+fn jitter_note(capture: &Capture, jitter: &Jitter) -> String {
+    let size = |v: &usize| jitter.factor.get(*v).map_or(0.0, |f| f.ln().abs());
+    let worst = (0..jitter.factor.len()).max_by(|a, b| size(a).total_cmp(&size(b)));
+    let (view, sigma) = worst.map_or((0, 0.0), |v| (v, jitter.sigma[v]));
+    format!(
+        "Exposure changes from view to view by {:.2} % (rms), the most in view {view} (\"{}\": {:+.2} ± {:.2} %); it was divided out. Changes as slow along the orbit as lighting cannot be told from lighting and are left.",
+        100.0 * jitter.rms(),
+        first_file(capture, view),
+        100.0 * (jitter.factor.get(view).copied().unwrap_or(1.0) - 1.0),
+        100.0 * sigma
+    )
+}
+
 /// What the brackets showed to be other than stated: photos moved against each other, exposure times.
 fn exposure_warnings(capture: &Capture, read: &[ReadView]) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -481,6 +574,12 @@ fn warnings(
     if unseen == outlines.len() {
         warnings.push(
             "No view shows the object's limb; the outline is the description's. A brighter or darker background lets it be found, or give it by hand with `outline`.".into(),
+        );
+    }
+    let orbits: Vec<_> = capture.views.iter().map(|view| view.orbit).collect();
+    if runs_backwards(samples, &orbits) {
+        warnings.push(
+            "The views fit together much better the other way round: turn the sign of orbit_deg (or orbit_step_deg). It counts counter-clockwise seen from above, in the frame of the light: turning the object or the light instead turns the sense.".into(),
         );
     }
     let radius = capture.object.radius;

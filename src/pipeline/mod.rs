@@ -1,10 +1,12 @@
 //! Recipes, the order of the stages, products and provenance.
 
+mod advice;
 mod brdf_products;
 mod execute;
 mod explain;
 mod fit;
 mod joint;
+mod lean;
 mod material;
 mod measure;
 mod orbit;

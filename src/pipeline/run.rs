@@ -44,6 +44,8 @@ pub struct Recovered {
     pub gauge: Vec<ChannelGauge>,
     /// As in [`Run`].
     pub warnings: Vec<String>,
+    /// What to photograph next, a plain sentence; one of the findings.
+    pub advice: Option<String>,
 }
 
 /// The results of one run. Serialised without its images, which are products of their own.

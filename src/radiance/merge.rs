@@ -15,6 +15,7 @@ use super::align;
 use super::brackets;
 use super::calibration;
 use super::exposure::Exposure;
+use super::filters;
 use super::motion::{self, Shift};
 use super::noise::Noise;
 use super::recovery;
@@ -26,6 +27,9 @@ use crate::error::{Error, Result};
 /// clipped: closer, the exposures that happen to be unclipped are low by selection (at 3σ by
 /// 0.004σ).
 const CLIP_MARGIN: f64 = 3.0;
+
+/// Radiance and variance of one channel, \[pixel\].
+pub(super) type Plane = (Vec<f32>, Vec<f32>);
 
 /// A view's radiance and what was found out about its exposures on the way.
 #[derive(Clone, Debug, PartialEq)]
@@ -133,19 +137,29 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
         None
     };
     if let Some(shifts) = &shifts {
+        if exposures.iter().any(|e| e.sites.is_some()) {
+            return Err(motion::at_sites(shifts, &files));
+        }
         let by: Vec<[f64; 2]> = shifts.iter().map(|shift| shift.by).collect();
         aligned = align::aligned(&exposures, &by, &planes);
         // Times and noise that were found on moved pictures are found again.
         (planes, factors) = solved(&stated, &aligned, &files)?;
     }
     let noise_known = planes.iter().all(|plane| plane.noise.is_some());
-    let (value, variance) = match exposures.as_slice() {
-        [only] if !noise_known => planes.iter().map(|plane| plane.scale(only)).unzip(),
+    let mut merged: Vec<Plane> = match exposures.as_slice() {
+        [only] if !noise_known => planes.iter().map(|plane| plane.scale(only)).collect(),
         _ => planes
             .iter()
             .map(|plane| plane.merge(&plane.expected()))
-            .unzip(),
+            .collect(),
     };
+    if let Some(sites) = exposures.first().and_then(|e| e.sites.as_ref()) {
+        let width = capture.camera.image_size[0] as usize;
+        for (plane, sites) in merged.iter_mut().zip(sites) {
+            filters::fill(plane, sites, width);
+        }
+    }
+    let (value, variance) = merged.into_iter().unzip();
     let shifts = shifts.unwrap_or_else(|| vec![Shift::default(); exposures.len()]);
     Ok(Developed {
         radiance: Radiance {

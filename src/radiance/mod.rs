@@ -16,6 +16,8 @@ mod brackets;
 mod calibration;
 mod curve;
 mod exposure;
+mod filters;
+mod mask;
 mod merge;
 mod motion;
 mod noise;
@@ -29,6 +31,7 @@ mod tests;
 
 use std::ops::Range;
 
+pub use mask::masked;
 pub use merge::{Developed, Found, develop, view};
 pub use motion::Shift;
 pub use noise::Noise;

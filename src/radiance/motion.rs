@@ -168,6 +168,20 @@ fn relative(total: &[[f64; 2]], variance: &[[f64; 2]]) -> Vec<Shift> {
         .collect()
 }
 
+/// RAW exposures are not moved: what lies between the sites of a colour is not known well enough.
+pub(super) fn at_sites(shifts: &[Shift], files: &[&Path]) -> Error {
+    let worst = shifts.iter().enumerate().max_by(|a, b| {
+        let length = |s: &Shift| s.by[0].hypot(s.by[1]);
+        length(a.1).total_cmp(&length(b.1))
+    });
+    let (at, [dx, dy]) = worst.map_or((0, [0.0; 2]), |(i, shift)| (i, shift.by));
+    Error::input(format!(
+        "expected exposures of one picture, found \"{}\" moved by ({dx:.2}, {dy:.2}) pixels against the view's others",
+        name(files, at)
+    ))
+    .advice("Photos that hold a sensor's own values are not moved back: leave it out, or give demosaiced photos.")
+}
+
 fn name<'a>(files: &[&'a Path], i: usize) -> std::path::Display<'a> {
     files.get(i).copied().unwrap_or(Path::new("")).display()
 }
@@ -395,7 +409,7 @@ fn search(
 /// Central differences of the expected radiance at a pixel, per pixel; none at the edges.
 fn gradient(expected: &[f32], width: usize, pixel: usize) -> Option<[f64; 2]> {
     let column = pixel % width.max(1);
-    if column == 0 || column + 1 == width {
+    if column < 2 || column + 2 >= width {
         return None;
     }
     let at = |i: usize| {
@@ -405,10 +419,15 @@ fn gradient(expected: &[f32], width: usize, pixel: usize) -> Option<[f64; 2]> {
             .filter(|v| v.is_finite())
             .map(f64::from)
     };
-    let gx = (at(pixel + 1)? - at(pixel - 1)?) / 2.0;
-    let gy = match (at(pixel + width), pixel.checked_sub(width).and_then(at)) {
-        (Some(below), Some(above)) => (below - above) / 2.0,
-        _ => return None,
+    // At the sites of colour filters the neighbours of the same colour are two pixels away.
+    let along = |stride: usize| {
+        [1, 2].into_iter().find_map(|steps| {
+            let (after, before) = (
+                at(pixel + steps * stride),
+                pixel.checked_sub(steps * stride),
+            );
+            Some((after? - at(before?)?) / (2.0 * steps as f64))
+        })
     };
-    Some([gx, gy])
+    Some([along(1)?, along(width)?])
 }

@@ -124,6 +124,7 @@ impl Response {
     pub fn decode(&self, stored: f64, channel: usize, storage: Storage) -> (f64, f64) {
         let scale = match storage {
             Storage::Integer { max } => f64::from(max),
+            Storage::Sensor { white, .. } => f64::from(white),
             Storage::Half | Storage::Float | Storage::SharedExponent => 1.0,
         };
         match self {
@@ -174,7 +175,7 @@ pub fn rounding(stored: f32, storage: Storage) -> f32 {
         f32::from_bits(((exponent - fraction + 127).max(0) as u32) << 23)
     };
     let step = match storage {
-        Storage::Integer { .. } => 1.0,
+        Storage::Integer { .. } | Storage::Sensor { .. } => 1.0,
         Storage::Half => step(-14, 10),
         Storage::Float => step(-103, 23),
         // The brightest channel's mantissa has 8 bits, 128 to 255.

@@ -524,6 +524,128 @@ fn what_moved_too_far_or_turned_is_refused() {
     );
 }
 
+#[cfg(feature = "raw")]
+#[test]
+fn a_raw_bracket_gives_unbiased_radiance_in_all_pixels() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let read = Normal::new(0.0, 5.0).unwrap();
+    let tint = [0.6, 1.0, 0.8];
+    let per_code = 12_000.0 / (4095.0 - 66.0);
+    let mut photos = Vec::new();
+    for (k, denominator) in [16_u32, 4, 1].into_iter().enumerate() {
+        let seconds = 1.0 / f64::from(denominator);
+        let mut codes = vec![0_u16; WIDTH * HEIGHT];
+        for (i, code) in codes.iter_mut().enumerate() {
+            let (x, y) = (i % WIDTH, i / WIDTH);
+            let (colour, black) = [[(0, 60.0), (1, 62.0)], [(1, 64.0), (2, 66.0)]][y % 2][x % 2];
+            let electrons = 12_000.0 * seconds * tint[colour] * truth(x);
+            let shot: f64 = Poisson::new(electrons).unwrap().sample(&mut random);
+            let measured = black + (shot + read.sample(&mut random)) / per_code;
+            *code = measured.round().clamp(0.0, 4095.0) as u16;
+        }
+        let name = format!("{k}.dng");
+        let path = folder.path().join(&name);
+        let exposure = (1, denominator);
+        crate::photo::raw::tests::write_dng(&path, [WIDTH, HEIGHT], 1, exposure, |x, y| {
+            codes[y * WIDTH + x]
+        });
+        photos.push(Photo {
+            file: name.into(),
+            // The file tells it.
+            exposure_s: None,
+        });
+    }
+    let sensor = Sensor {
+        full_well_e: Some(12_000.0),
+        read_noise_e: Some(5.0),
+        responsivity: Some(12_000.0),
+        ..Sensor::default()
+    };
+    let radiance = view(&capture(folder.path(), sensor, photos), 0, 0..HEIGHT as u32).unwrap();
+    for (c, tint) in tint.into_iter().enumerate() {
+        // Sums over columns, away from the edge over which a colour's sites are interpolated.
+        let (mut squares, mut bias, mut count) = (0.0, 0.0, 0.0);
+        for x in (2..430).chain(460..WIDTH - 2) {
+            let (mut error, mut variance) = (0.0, 0.0);
+            for y in 2..HEIGHT - 2 {
+                let i = y * WIDTH + x;
+                assert!(radiance.variance[c][i].is_finite(), "{c} {x} {y}");
+                error += f64::from(radiance.value[c][i]) / (tint * truth(x)) - 1.0;
+                variance += f64::from(radiance.variance[c][i]) / (tint * truth(x)).powi(2);
+            }
+            squares += error * error / variance;
+            bias += error / (HEIGHT - 4) as f64;
+            count += 1.0;
+        }
+        // 600 columns of 20 pixels: the mean is known to 0.1 %. The lobe's curvature adds 0.05 %.
+        assert!((bias / count).abs() < 0.002, "{c}: {}", bias / count);
+        // A column's pixels share sites with the next column's: its own mean scatters a little less
+        // than the sites of its width let expect for red and blue, whose sites lie in every other one.
+        let z = f64::sqrt(squares / count);
+        assert!((0.6..1.1).contains(&z), "{c}: {z}");
+    }
+}
+
+#[test]
+fn masks_leave_out_what_is_not_white() {
+    let folder = tempfile::tempdir().unwrap();
+    let size = (WIDTH as u32, HEIGHT as u32);
+    let paint = |name: &str, white: &dyn Fn(u32, u32) -> bool| {
+        let image = image::GrayImage::from_fn(size.0, size.1, |x, y| {
+            image::Luma([if white(x, y) { 255 } else { 40 }])
+        });
+        image.save(folder.path().join(name)).unwrap();
+    };
+    paint("all.png", &|x, _| x >= 20);
+    paint("one.png", &|_, y| y != 7);
+    paint("none.png", &|_, _| false);
+    write_y(&folder.path().join("a.exr"), |_, _| 3.0);
+    let photo = Photo {
+        file: "a.exr".into(),
+        exposure_s: Some(1.0),
+    };
+    let mut capture = capture(folder.path(), Sensor::default(), vec![photo]);
+    let whole = view(&capture, 0, 2..20).unwrap();
+    assert!(masked(&capture, 0, &whole).unwrap().is_none());
+    capture.object.mask = Some("all.png".into());
+    capture.views[0].mask = Some("one.png".into());
+    let left = masked(&capture, 0, &whole).unwrap().unwrap();
+    for (i, variance) in left.variance[0].iter().enumerate() {
+        let (x, y) = (i % WIDTH, 2 + i / WIDTH);
+        assert_eq!(variance.is_finite(), x >= 20 && y != 7, "{x} {y}");
+    }
+    capture.views[0].mask = Some("none.png".into());
+    let error = masked(&capture, 0, &whole).unwrap_err().to_string();
+    assert!(
+        error.contains("none.png") && error.contains("view 0"),
+        "{error}"
+    );
+}
+
+#[test]
+fn neighbours_of_clipped_pixels_are_missing_in_demosaiced_photos() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = image::RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| {
+        image::Rgb([if (x, y) == (50, 10) { 255 } else { 90 }, 90, 90])
+    });
+    image.save(folder.path().join("a.png")).unwrap();
+    let photo = Photo {
+        file: "a.png".into(),
+        exposure_s: Some(1.0),
+    };
+    let capture = capture(folder.path(), Sensor::default(), vec![photo]);
+    let radiance = view(&capture, 0, 0..HEIGHT as u32).unwrap();
+    for (i, variance) in radiance.variance[0].iter().enumerate() {
+        let (x, y) = ((i % WIDTH) as i32, (i / WIDTH) as i32);
+        assert_eq!(
+            variance.is_infinite(),
+            (x - 50).abs() <= 1 && (y - 10).abs() <= 1
+        );
+    }
+    assert!(radiance.variance[1].iter().all(|v| v.is_finite()));
+}
+
 #[test]
 fn a_12_bit_code_in_16_bits_rounds_in_its_own_steps() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,6 @@
 //! The inverse directions: lighting, BRDF, or both from a light field.
 
+pub mod advice;
 pub mod brdf;
 pub mod factorise;
 pub mod lighting;

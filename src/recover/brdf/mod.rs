@@ -11,13 +11,13 @@
 //! sources at their exact angles. ρ̃ is fitted rather than ρ because it is the quantity that is bounded and
 //! continuous at grazing angles, and the one that is symmetric.
 //!
-//! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the maximum
-//! of the posterior, c = (J + P)⁻¹ h under c ≥ 0, with a Gaussian prior of precision P: the size of ρ̃ and its roughness across and along
-//! the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe fills a
-//! small part of it. All of it maximises the marginal likelihood of the samples. σ is from (J + P)⁻¹. As a
-//! confidence interval it covers what it claims when averaged over the slice (Nychka, "Bayesian confidence
-//! intervals for smoothing splines", JASA 83, 1988), because it holds the expected squared bias of smoothing
-//! beside the variance.
+//! With weights 1/σ² the samples give an information matrix J and a right side h. A Gaussian prior of precision P says how large
+//! ρ̃ is and how rough across and along the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe
+//! fills a small part of it; all of it maximises the marginal likelihood of the samples, but the weight as a whole is then lowered by a
+//! step, or as far as cross-validation asks. From c = (J + P)⁻¹ h the bias that the prior brings in is taken out, to second order, and
+//! c ≥ 0 imposed. σ of what is determined is then that of the noise alone, over captures of this
+//! very surface, and a 95 % interval covers 95 % at each place; for the rest σ holds what the prior expects besides (see
+//! `posterior.rs` and `spread.rs`).
 //!
 //! # What is determined, and the bound
 //!
@@ -39,6 +39,7 @@
 //! The prior enters only as the size that a quantity could be expected to have. The bound of the white ε
 //! knows nothing of smoothness, so it does not flatter a prior that is wrong.
 
+mod advice;
 mod basis;
 mod estimate;
 mod evidence;
@@ -54,6 +55,7 @@ use std::f64::consts::PI;
 use crate::light_field::{Samples, Systematic};
 use crate::lighting::Lighting;
 use crate::{Error, Result};
+pub use advice::advise;
 use basis::Basis;
 pub use estimate::{BrdfEstimate, Coefficient, Slice};
 pub use evidence::CurvePoint;
@@ -78,11 +80,11 @@ const TOLERATED: f64 = 0.2;
 /// How the weight of the prior is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Regularisation {
-    /// Marginal likelihood.
+    /// Marginal likelihood for the form of the prior; its weight is a step below, or as far as cross-validation asks.
     Evidence,
-    /// Generalised cross-validation along the curve through the maximum of the marginal likelihood.
+    /// Generalised cross-validation alone for the weight.
     Gcv,
-    /// That maximum's weights times this factor.
+    /// The weights of `Evidence` times this factor.
     Factor(f64),
     /// These weights.
     Fixed(Smoothness),

@@ -538,7 +538,12 @@ fn a_black_object_is_black_and_units_do_not_matter() {
         .zip(&small.slices[0].reciprocal)
     {
         // As for a turned world: rounding times the condition number.
-        assert!((a - b * 1e12).abs() < 1e-6);
+        assert!(
+            (a - b * 1e12).abs() < 1e-6,
+            "{a} {b} {:?} {:?}",
+            one.slices[0].smoothness,
+            small.slices[0].smoothness
+        );
     }
     for column in &mut samples.columns {
         column.value[0].fill(0.0);
@@ -834,4 +839,65 @@ fn study_of_error_and_coverage() {
     }
     let coverage = sum / cells;
     assert!((0.93..0.975).contains(&coverage), "{coverage}");
+}
+
+/// Orbit angles of 72 even views, and samples of those that `seen` admits, on a grid that lies on their lines.
+fn from_views(
+    planted: Planted,
+    light: &Lighting,
+    seen: impl Fn(f64) -> bool,
+) -> (Samples, Vec<f64>) {
+    let grid = Grid {
+        normals: 72,
+        locals: 36,
+    };
+    let step = TAU / 72.0;
+    let place = |orbit: f64| (wrap(orbit + 0.5 * step) + PI) / step;
+    let mut samples = noisy(&field(planted, light, grid), grid, 1e-3, 4, |a, b| {
+        seen(wrap(a + b))
+    });
+    for column in &mut samples.columns {
+        for (view, a) in column.view.iter_mut().zip(&column.alpha) {
+            *view = place(a + column.local.rad()) as u32 % 72;
+        }
+    }
+    (
+        samples,
+        (0..72).map(|v| -PI + f64::from(v) * step).collect(),
+    )
+}
+
+#[test]
+fn the_advice_is_what_is_missing() {
+    let (options, _) = small();
+    let planted = Planted::Phong(16.0);
+    // Views from −60° to 60° under a sun at 37.3° see |θi′ − θo′| up to 97.3°: only views farther than that from the sun show
+    // more, those between 134.7° and −60°.
+    let sun = lighting(Light::Sun);
+    let (samples, orbits) = from_views(planted, &sun, |orbit| orbit.abs() <= 60f64.to_radians());
+    let slice = &recover(&samples, &sun, &options).unwrap().slices[0];
+    let advice = advise(&samples, 0, &orbits, &sun, 0, slice).unwrap();
+    let view = advice.view.unwrap();
+    let from_sun = wrap(view.direction - 37.3f64.to_radians())
+        .abs()
+        .to_degrees();
+    assert!(view.direction.to_degrees().abs() > 60.0, "{view:?}");
+    assert!((97.3..175.0).contains(&from_sun), "{view:?}");
+    assert!(view.then > advice.now + 0.01, "{advice:?}");
+    // And a second source shows the same views what the first did not.
+    assert!(advice.source.unwrap().then > view.then, "{advice:?}");
+
+    // Under uniform light one view is as good as all, and only a source helps.
+    let uniform = Lighting::uniform(vec!["Y".to_owned()], &[0.5]);
+    let (samples, orbits) = from_views(planted, &uniform, |_| true);
+    let slice = &recover(&samples, &uniform, &options).unwrap().slices[0];
+    let advice = advise(&samples, 0, &orbits, &uniform, 0, slice).unwrap();
+    assert!(advice.now < 0.5, "{advice:?}");
+    assert!(advice.view.unwrap().then < advice.now + 0.005, "{advice:?}");
+    assert!(advice.source.unwrap().then > 0.95, "{advice:?}");
+
+    // A black slice has no size to compare with.
+    let mut black = slice.clone();
+    black.reciprocal.fill(0.0);
+    assert!(advise(&samples, 0, &orbits, &uniform, 0, &black).is_err());
 }
