@@ -12,6 +12,7 @@ use super::fit;
 use super::joint;
 use super::material;
 use super::measure::{Measured, measure};
+use super::orbit;
 use super::progress::Progress;
 use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Run, Verdict};
@@ -133,7 +134,13 @@ impl Task<'_> {
         self.progress.stage("BRDF", 2);
         let light = described.resolve(&samples.channels, &recipe.folder)?;
         let options = material::options(&recipe.recovery)?;
-        let estimate = brdf::recover_with(samples, &self.measured.systematics, &light, &options)?;
+        let mut systematics = self.measured.systematics.clone();
+        systematics.extend(orbit::errors(
+            samples,
+            self.capture.views.len(),
+            self.capture.camera.orbit_sigma_deg.to_radians(),
+        ));
+        let estimate = brdf::recover_with(samples, &systematics, &light, &options)?;
         clock.lap("BRDF");
         self.progress.step();
         let (models, note) = material::fit_models(&estimate, self.absolute);

@@ -4,7 +4,6 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::orbit;
 use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
@@ -158,9 +157,7 @@ pub fn measure(
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
-    let orbit_sigma = capture.camera.orbit_sigma_deg.to_radians();
-    systematics.extend(orbit::errors(&samples, capture.views.len(), orbit_sigma));
+    let systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
