@@ -251,8 +251,8 @@ pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Lea
         }
     }
     let smoothness = smoothness.times(relaxed(&level, &smoothness)?);
-    let points = if curve { -4..=4 } else { 1..=0 };
-    let curve = points
+    let curve = (-4..=4)
+        .filter(|_| curve)
         .map(|k| point(&level, &smoothness, STEP.powi(k)))
         .collect::<Result<_>>()?;
     Ok(Learnt {
