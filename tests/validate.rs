@@ -166,6 +166,51 @@ fn a_study_is_true_repeatable_and_resumable() {
     assert_eq!(full[1], table[0]);
 }
 
+/// A run that was killed leaves whole cells or none, and the next one ends with the table that an undisturbed one has.
+#[test]
+fn a_killed_study_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recipe = folder.path().join("study.toml");
+    let text = RECIPE.replace(
+        "noise = [0.001, 0.01]",
+        "noise = [0.001, 0.002, 0.005, 0.01]",
+    );
+    fs::write(&recipe, text).expect("a recipe");
+    let out = |name: &str| folder.path().join(name);
+    let finished = || fs::read_dir(out("killed").join("cells")).map_or(0, Iterator::count);
+
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("flatlight"))
+        .arg("validate")
+        .arg(&recipe)
+        .arg("--out")
+        .arg(out("killed"))
+        .args(["--threads", "2", "--quiet"])
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .expect("it starts");
+    // Before the last cell, if this process is awake in time; the result must be the same in any case.
+    while finished() < 3 && child.try_wait().expect("a state").is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    child.kill().expect("an end");
+    child.wait().expect("an end");
+    assert!(finished() >= 3);
+
+    assert!(
+        validate(&recipe, &out("killed"), &["--threads", "2"])
+            .status
+            .success()
+    );
+    assert!(
+        validate(&recipe, &out("whole"), &["--threads", "1"])
+            .status
+            .success()
+    );
+    let csv = |name: &str| fs::read_to_string(out(name).join("validation.csv")).expect("a table");
+    assert_eq!(csv("killed"), csv("whole"), "to the last digit");
+    assert_eq!(rows(&csv("whole")).len(), 6);
+}
+
 #[test]
 fn wrong_requests_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -193,6 +238,10 @@ fn the_recipe_that_ships_has_every_recovery_in_both_sizes() {
         for recovered in [Recovered::Lighting, Recovered::Brdf, Recovered::Both] {
             assert!(cells.iter().any(|c| c.recovered == recovered));
         }
+    }
+    // Coverage is judged over 200 draws in each cell.
+    for full in [false, true] {
+        assert!(recipe.plan(full).cells.iter().all(|c| c.draws >= 200));
     }
     // 8 surfaces × 3 lightings × 3 noises, for each recovery.
     let full = recipe.plan(true).cells;
