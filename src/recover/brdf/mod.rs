@@ -39,7 +39,7 @@
 //! The prior enters only as the size that a quantity could be expected to have. The bound of the white ε
 //! knows nothing of smoothness, so it does not flatter a prior that is wrong.
 
-mod basis;
+pub(super) mod basis;
 mod estimate;
 mod evidence;
 mod fit;
