@@ -38,6 +38,7 @@
 pub mod angle;
 pub mod brdf;
 pub mod capture;
+pub mod compare;
 pub mod error;
 pub mod fourier;
 pub mod geometry;

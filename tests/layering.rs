@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of the library from what everything stands on to what nothing stands on.
-const ORDER: [&str; 18] = [
+const ORDER: [&str; 19] = [
     "error",
     "angle",
     "grid",
@@ -21,6 +21,7 @@ const ORDER: [&str; 18] = [
     "simulate",
     "pipeline",
     "validate",
+    "compare",
     "report",
     "cli",
 ];

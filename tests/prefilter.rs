@@ -228,6 +228,125 @@ fn a_view_is_the_photograph_that_a_renderer_makes() {
 }
 
 #[test]
+fn a_view_needs_no_photographs_and_no_views() {
+    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("testdata/phong32-smooth");
+    let folder = tempfile::tempdir().unwrap();
+    let capture = Capture::read(&case).unwrap();
+    let stated: toml::Table = std::fs::read_to_string(case.join("capture.toml"))
+        .unwrap()
+        .parse()
+        .unwrap();
+    // The object and the camera alone; and with views whose photos do not exist.
+    let mut bare = toml::Table::new();
+    for key in ["object", "camera"] {
+        bare.insert(key.into(), stated[key].clone());
+    }
+    let bare_file = folder.path().join("stage.toml");
+    std::fs::write(&bare_file, bare.to_string()).unwrap();
+    let planned = folder.path().join("capture.toml");
+    let orbits = "[[view]]\norbit_deg = 12.5\nphotos = [{ file = \"not/yet.png\" }]\n";
+    std::fs::write(&planned, format!("{bare}\n{orbits}")).unwrap();
+    let orbit = capture.views[7].orbit.deg().to_string();
+    let out = [0, 1, 2].map(|k| folder.path().join(format!("{k}.exr")));
+    for (file, place, out) in [
+        (&case, ["--view", "7"], &out[0]),
+        (&bare_file, ["--orbit-deg", &orbit], &out[1]),
+        (&planned, ["--view", "0"], &out[2]),
+    ] {
+        let light = case.join("truth/lighting.csv");
+        let files: [(&str, &Path); 4] = [
+            ("", &light),
+            ("--brdf", &case.join("recipe.toml")),
+            ("--strip", file),
+            ("--out", out),
+        ];
+        let (code, stdout, errors) = flatlight(&place, &files);
+        assert_eq!(code, Some(0), "{stdout}\n{errors}");
+        let (_, ms) = stdout.split_once("pixels rendered in ").unwrap();
+        let ms: f64 = ms.split(' ').next().unwrap().parse().unwrap();
+        println!("{ms} ms");
+    }
+    let image = |k: usize| Environment::read(&out[k]).unwrap();
+    assert_eq!(image(0).values, image(1).values);
+    assert!(image(0).values != image(2).values);
+    // Nowhere to stand.
+    let files: [(&str, &Path); 3] = [
+        ("", &case.join("truth/lighting.csv")),
+        ("--strip", &bare_file),
+        ("--out", &out[0]),
+    ];
+    for (place, expected) in [(&[][..], "--orbit-deg"), (&["--view", "1"], "--orbit-deg")] {
+        let words = [&["--brdf", PHONG], place].concat();
+        let (code, _, errors) = flatlight(&words, &files);
+        assert_eq!(code, Some(2), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+    }
+}
+
+#[test]
+fn the_choice_is_told_as_json_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let size = (512, 256);
+    // A hall with windows two pixels wide, up to 10⁴ times as bright as its walls.
+    let hall = map(folder.path(), "hall.exr", size, |x, y| {
+        let window = if x % 37 < 2 && y > 100 && y < 150 {
+            10f64.powi((x / 37 % 5) as i32)
+        } else {
+            0.0
+        };
+        [1.0 + window, 0.7 + 0.5 * window, 0.5]
+    });
+    let out = folder.path().join("table.exr");
+    let files: [(&str, &Path); 2] = [("", &hall), ("--out", &out)];
+    let brdf = "model=ggx-dielectric,alpha=0.05,diffuse=0.3";
+    let words = [
+        "--brdf",
+        brdf,
+        "--check",
+        "--log",
+        "json",
+        "--normals",
+        "360",
+        "--locals",
+        "60",
+    ];
+    let (code, stdout, errors) = flatlight(&words, &files);
+    assert_eq!(code, Some(0), "{stdout}\n{errors}");
+    let lines: Vec<serde_json::Value> = stdout
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let [told] = lines.as_slice() else {
+        panic!("{stdout}");
+    };
+    assert_eq!(told["level"], "result");
+    assert_eq!(told["channels"].as_array().unwrap().len(), 3);
+    let chosen = told["ways"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|w| w["chosen"] == true);
+    let chosen: Vec<_> = chosen.collect();
+    assert_eq!(chosen.len(), 1);
+    assert!(chosen[0]["predicted_s"].as_f64().unwrap() > 0.0);
+    assert!(chosen[0]["predicted_coefficients"].as_u64().unwrap() >= 180);
+    let bound = told["channels"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| c["bound"].as_f64().unwrap());
+    let bound = bound.fold(0.0, f64::max);
+    assert!(bound > 0.0 && bound <= 1.000_001e-3);
+    for way in told["checked"].as_array().unwrap() {
+        if let Some(error) = way["error"].as_f64() {
+            assert!(error <= 1e-3, "{way}");
+            assert!(way["measured_s"].as_f64().unwrap() > 0.0);
+        }
+    }
+    assert!(told["checked"][0]["error"].as_f64().unwrap() <= bound);
+}
+
+#[test]
 fn mistakes_are_said_with_their_place() {
     let folder = tempfile::tempdir().unwrap();
     let light = folder.path().join("light.csv");

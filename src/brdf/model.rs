@@ -120,9 +120,18 @@ impl Model {
         let brdfs: Vec<Arc<dyn Brdf>> = match self {
             Self::Analytic { family, values } => {
                 self.check_lengths(channels)?;
-                (0..channels.len())
-                    .map(|c| family.build(&of_channel(values, c)) as Arc<dyn Brdf>)
-                    .collect()
+                let own: Vec<Vec<f64>> =
+                    (0..channels.len()).map(|c| of_channel(values, c)).collect();
+                // Channels of equal parameters share one BRDF, so that its work is done once.
+                let mut brdfs: Vec<Arc<dyn Brdf>> = Vec::with_capacity(own.len());
+                for (c, values) in own.iter().enumerate() {
+                    let twin = own[..c].iter().position(|other| other == values);
+                    brdfs.push(match twin {
+                        Some(twin) => Arc::clone(&brdfs[twin]),
+                        None => family.build(values),
+                    });
+                }
+                brdfs
             }
             Self::Table(path) => {
                 let path = folder.join(path);

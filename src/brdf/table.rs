@@ -41,7 +41,7 @@ impl Axis {
     }
 
     /// Position of an angle in steps: `i` at angle number `i`.
-    pub(super) fn position(&self, angle: LocalAngle) -> f64 {
+    pub(crate) fn position(&self, angle: LocalAngle) -> f64 {
         let offset = if self.inclusive { 0.0 } else { 0.5 };
         (angle.rad() + FRAC_PI_2) / self.step() - offset
     }

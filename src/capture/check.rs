@@ -26,6 +26,10 @@ const WIDE_GAP_DEG: f64 = 90.0;
 /// numbers on the dial are rounded by up to 7 %.
 const TIME_DIFFERENCE: f64 = 0.1;
 
+/// The object's width in parts of the photo's beyond which the description is doubted.
+const MOST_WIDE: f64 = 1.3;
+const LEAST_WIDE: f64 = 0.05;
+
 /// Looks at the headers of all photos, masks and frames of a capture set that was read, and at the
 /// set as a whole. No pixels are decoded.
 pub fn check(capture: &Capture) -> Findings {
@@ -38,11 +42,14 @@ pub fn check(capture: &Capture) -> Findings {
         .collect();
     let infos: Vec<Option<Info>> = photos
         .par_iter()
-        .map(|(view, photo)| info(capture, &photo.file).map_err(|e| e.view(*view)))
+        .map(|(view, photo)| {
+            photo::info(&capture.folder.join(&photo.file)).map_err(|e| e.view(*view))
+        })
         .collect::<Vec<_>>()
         .into_iter()
         .map(|result| result.map_err(|fault| findings.faults.push(fault)).ok())
         .collect();
+    findings.faults.extend(sizes(capture, &photos, &infos));
     for file in frames(capture) {
         if let Err(fault) = info(capture, file) {
             findings.faults.push(fault);
@@ -107,6 +114,8 @@ pub fn check(capture: &Capture) -> Findings {
             ));
         }
     }
+    findings.warnings.extend(scale(capture));
+    findings.warnings.extend(gaps(capture));
     findings.warnings.extend(coverage(capture));
     findings
 }
@@ -129,15 +138,164 @@ fn frames(capture: &Capture) -> Vec<&Path> {
 fn info(capture: &Capture, file: &Path) -> Result<Info, Error> {
     // Messages show the path as the description writes it.
     let info = photo::info(&capture.folder.join(file))?;
-    let [width, height] = capture.camera.image_size;
-    if info.size != [width, height] {
-        return Err(Error::input(format!(
-            "expected {width} x {height} pixels, as camera.image_size says, found {} x {}",
-            info.size[0], info.size[1]
-        ))
-        .file(file));
+    if info.size != capture.camera.image_size {
+        return Err(wrong_size(capture.camera.image_size, info.size, file));
     }
     Ok(info)
+}
+
+/// Photos whose size is not the camera's: one fault if it is the description that is wrong.
+fn sizes(
+    capture: &Capture,
+    photos: &[(usize, &super::Photo)],
+    infos: &[Option<Info>],
+) -> Vec<Error> {
+    let stated = capture.camera.image_size;
+    let mut found: Vec<[u32; 2]> = infos.iter().flatten().map(|i| i.size).collect();
+    let known = found.len();
+    found.dedup();
+    if let [[width, height]] = *found
+        && [width, height] != stated
+        && known > 1
+    {
+        let fault = Error::input(format!(
+            "expected {} x {} pixels, as camera.image_size says, and all {known} photos have {width} x {height}",
+            stated[0], stated[1]
+        ))
+        .file("capture.toml")
+        .key("camera.image_size");
+        let swapped = [height, width] == stated;
+        return vec![fault.advice(if swapped {
+            format!("Width and height are swapped: write image_size = [{width}, {height}].")
+        } else {
+            format!("Write image_size = [{width}, {height}], and give focal_px and principal_point_px in these pixels.")
+        })];
+    }
+    photos
+        .iter()
+        .zip(infos)
+        .filter_map(|((view, photo), info)| Some((*view, *photo, info.as_ref()?)))
+        .filter(|(.., info)| info.size != stated)
+        .map(|(view, photo, info)| wrong_size(stated, info.size, &photo.file).view(view))
+        .collect()
+}
+
+fn wrong_size([width, height]: [u32; 2], found: [u32; 2], file: &Path) -> Error {
+    let fault = Error::input(format!(
+        "expected {width} x {height} pixels, as camera.image_size says, found {} x {}",
+        found[0], found[1]
+    ))
+    .file(file);
+    match found == [height, width] {
+        true => fault.advice("It lies on its side: turn it, or correct its orientation tag."),
+        false => fault,
+    }
+}
+
+/// How large the object is in the photos, by the description alone.
+fn scale(capture: &Capture) -> Vec<String> {
+    let (object, camera) = (&capture.object, &capture.camera);
+    let width = f64::from(camera.image_size[0]);
+    let sine = (object.radius / camera.distance).clamp(0.0, 0.999);
+    let across = 2.0
+        * match camera.projection {
+            super::Projection::Perspective { focal_px } => focal_px * sine.asin().tan(),
+            super::Projection::Orthographic { metres_per_px } => object.radius / metres_per_px,
+        };
+    let stated = format!(
+        "radius {} m, distance {} m and the focal length make the object {across:.0} pixels wide in photos of {width:.0}",
+        object.radius, camera.distance
+    );
+    if across > MOST_WIDE * width {
+        let hint = if across / 2.0 < width {
+            "; is focal_px that of a picture of twice the size?"
+        } else if camera.distance < 50.0 * object.radius {
+            "; is the radius a diameter, or in other units than the distance?"
+        } else {
+            "; check focal_px"
+        };
+        return vec![format!("{stated}{hint}")];
+    }
+    if across < LEAST_WIDE * width {
+        let hint = if camera.distance > 500.0 * object.radius {
+            "is the distance in millimetres? All lengths are in metres"
+        } else {
+            "check focal_px, which is in pixels, not in millimetres"
+        };
+        return vec![format!("{stated}; {hint}")];
+    }
+    Vec::new()
+}
+
+/// What an even orbit's file names and angles say of a photo that is missing: all after it would stand a
+/// step too early.
+fn gaps(capture: &Capture) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let orbits: Vec<f64> = capture.views.iter().map(|view| view.orbit.deg()).collect();
+    let (Some(first), Some(second)) = (orbits.first(), orbits.get(1)) else {
+        return warnings;
+    };
+    let step = second - first;
+    let even = orbits
+        .windows(2)
+        .all(|pair| (pair[1] - pair[0] - step).abs() < 1e-6 * step.abs());
+    if !even || orbits.len() < 4 {
+        return warnings;
+    }
+    let numbers: Option<Vec<(u64, &Path)>> = capture
+        .views
+        .iter()
+        .map(|view| {
+            let file = &view.photos.first()?.file;
+            Some((
+                last_number(&file.file_stem()?.to_string_lossy())?,
+                file.as_path(),
+            ))
+        })
+        .collect();
+    if let Some(numbers) = numbers {
+        let mut strides: Vec<u64> = numbers
+            .windows(2)
+            .map(|pair| pair[1].0.abs_diff(pair[0].0))
+            .collect();
+        strides.sort_unstable();
+        let usual = strides.get(strides.len() / 2).copied().unwrap_or(1);
+        for pair in numbers.windows(2) {
+            let stride = pair[1].0.abs_diff(pair[0].0);
+            // Steps that are no multiple of the usual one are no numbering.
+            if usual > 0 && stride > usual && stride % usual == 0 && stride <= 10 * usual {
+                warnings.push(format!(
+                    "the files jump from \"{}\" to \"{}\" and their angles do not: if {} missing, all views from there on stand too early; list them with [[view]]",
+                    pair[0].1.display(),
+                    pair[1].1.display(),
+                    match stride / usual - 1 {
+                        1 => "a photo is".to_string(),
+                        n => format!("{n} photos are"),
+                    }
+                ));
+            }
+        }
+    }
+    let short = 360.0 - orbits.len() as f64 * step.abs();
+    if short.abs() > 1e-6 * 360.0 && short <= 3.0 * step.abs() && short > -step.abs() {
+        warnings.push(format!(
+            "{} views {:.4} degrees apart make {:.2} degrees, not 360: is a photo missing, or orbit_step_deg another?",
+            orbits.len(),
+            step.abs(),
+            orbits.len() as f64 * step.abs()
+        ));
+    }
+    warnings
+}
+
+/// The last run of digits of a name.
+fn last_number(name: &str) -> Option<u64> {
+    let end = name.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let digits = name.get(..end)?;
+    let start = digits.rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| {
+        at + digits[at..].chars().next().map_or(1, char::len_utf8)
+    });
+    digits.get(start..)?.parse().ok()
 }
 
 /// What an encoding that is not stated, or does not fit the files, means.
@@ -160,6 +318,15 @@ fn encoding(capture: &Capture, first: &Info) -> Vec<String> {
                 "sensor.encoding is a curve, and the files are floating point, which is nearly always linear"
                     .to_string(),
             );
+        }
+        (Some(super::Encoding::Recover(_)), _) => {
+            let alone = |view: &super::View| view.photos.len() < 2;
+            if capture.views.iter().all(alone) {
+                warnings.push(
+                    "sensor.encoding is \"recover\" and no view has several photos: a response is recovered from brackets"
+                        .to_string(),
+                );
+            }
         }
         _ => {}
     }
@@ -252,8 +419,8 @@ mod tests {
         let faults: Vec<String> = findings.faults.iter().map(Error::to_string).collect();
         assert_eq!(faults.len(), 4, "{faults:#?}");
         for (fault, expected) in faults.iter().zip([
-            "b.exr, view 1: expected 8 x 4 pixels",
             "c.exr, view 2: expected an EXR",
+            "b.exr, view 1: expected 8 x 4 pixels",
             "mask.exr: expected 8 x 4 pixels",
             "d.png, view 3: expected the channels Y as in \"a.exr\", found R,G,B",
         ]) {
@@ -267,6 +434,85 @@ mod tests {
         assert!(warnings.contains("a gap of 357.0 degrees"), "{warnings}");
     }
 
+    /// What is said of `count` photos of 8 x 4 pixels, named `v_1.exr` and on, without those of `absent`.
+    fn said(camera: &str, count: usize, absent: &[usize], step: f64) -> (String, String) {
+        let folder = tempfile::tempdir().unwrap();
+        for i in (1..=count).filter(|i| !absent.contains(i)) {
+            write(&folder.path().join(format!("v_{i}.exr")), (8, 4), 1.0);
+        }
+        let text = format!(
+            "format = 1\n[object]\nshape = \"cylinder\"\nradius = 0.05\n[camera]\n{camera}\n\
+             [views]\nfiles = \"v_*.exr\"\norbit_step_deg = {step}\n"
+        );
+        let capture = match Capture::parse(&text, Path::new("capture.toml"), folder.path()) {
+            Ok(capture) => capture,
+            Err(error) => return (error.to_string(), String::new()),
+        };
+        let findings = check(&capture);
+        let faults: Vec<String> = findings.faults.iter().map(Error::to_string).collect();
+        (faults.join("\n"), findings.warnings.join("\n"))
+    }
+
+    #[test]
+    fn swapped_width_and_height_are_said_once() {
+        let (faults, _) = said(
+            "image_size = [4, 8]\nfocal_px = 40\ndistance = 1",
+            8,
+            &[],
+            45.0,
+        );
+        assert!(
+            faults.contains("all 8 photos have 8 x 4") && faults.contains("image_size = [8, 4]"),
+            "{faults}"
+        );
+        assert!(faults.contains("swapped"), "{faults}");
+        assert_eq!(faults.matches("expected").count(), 1, "{faults}");
+    }
+
+    #[test]
+    fn an_orbit_without_photos_is_one_fault() {
+        let (faults, _) = said("focal_px = 40\ndistance = 1", 0, &[], 45.0);
+        assert!(
+            faults.contains("expected files like \"v_*.exr\", found none"),
+            "{faults}"
+        );
+        assert_eq!(faults.matches("expected").count(), 1, "{faults}");
+    }
+
+    #[test]
+    fn units_and_focal_lengths_are_doubted() {
+        let camera =
+            |focal: f64, distance: f64| format!("focal_px = {focal}\ndistance = {distance}");
+        // 2 · 60 px · 0.05 = 6 of 8 pixels.
+        let warned = |camera: &str| said(camera, 8, &[], 45.0).1;
+        assert_eq!(warned(&camera(60.0, 1.0)), "");
+        assert!(warned(&camera(120.0, 1.0)).contains("twice the size"));
+        assert!(warned(&camera(60.0, 1000.0)).contains("millimetres"));
+        assert!(warned(&camera(2.0, 1.0)).contains("focal_px"));
+        let (faults, _) = said("focal_px = 60\ndistance = 0.04", 8, &[], 45.0);
+        assert!(faults.contains("radius in millimetres"), "{faults}");
+    }
+
+    #[test]
+    fn missing_photos_of_an_orbit_are_suspected() {
+        let camera = "focal_px = 60\ndistance = 1";
+        let warned = |count, absent: &[usize], step| said(camera, count, absent, step).1;
+        let one = warned(24, &[7], 15.0);
+        assert!(
+            one.contains("jump from \"v_6.exr\" to \"v_8.exr\"")
+                && one.contains("a photo is missing"),
+            "{one}"
+        );
+        assert!(
+            one.contains("23 views 15.0000 degrees apart make 345.00 degrees"),
+            "{one}"
+        );
+        assert!(warned(24, &[7, 8], 15.0).contains("2 photos are missing"));
+        // Half an orbit is no mistake, nor is a full one.
+        assert!(!warned(12, &[], 15.0).contains("not 360"));
+        assert_eq!(warned(24, &[], 15.0), "");
+    }
+
     #[test]
     fn a_sound_set_has_nothing_wrong() {
         let folder = tempfile::tempdir().unwrap();
@@ -274,7 +520,7 @@ mod tests {
             write(&folder.path().join(format!("{i}.exr")), (8, 4), 1.0);
         }
         let text = "format = 1\n[object]\nshape = \"cylinder\"\nradius = 0.05\n\
-                    [camera]\nfocal_px = 9\ndistance = 1\n[views]\nfiles = \"*.exr\"\norbit_step_deg = 45\n";
+                    [camera]\nfocal_px = 60\ndistance = 1\n[views]\nfiles = \"*.exr\"\norbit_step_deg = 45\n";
         let capture = Capture::parse(text, Path::new("capture.toml"), folder.path()).unwrap();
         assert_eq!(capture.camera.image_size, [8, 4]);
         let findings = check(&capture);

@@ -64,7 +64,7 @@ pub fn draft(folder: &Path) -> Result<Draft> {
     }
     if photos.is_empty() {
         return Err(
-            Error::input("expected photos (EXR, PNG, TIFF, JPEG or HDR), found none")
+            Error::input("expected photos (EXR, PNG, TIFF, JPEG, HDR or RAW), found none")
                 .file(folder)
                 .advice("Put the photos into this folder or into one below it."),
         );
@@ -88,7 +88,10 @@ pub fn draft(folder: &Path) -> Result<Draft> {
 
 /// Photo files below `folder`, relative to it, by the endings that photos have.
 fn search(folder: &Path, below: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<()> {
-    const ENDINGS: [&str; 8] = ["exr", "png", "tif", "tiff", "jpg", "jpeg", "hdr", "pic"];
+    const ENDINGS: [&str; 18] = [
+        "exr", "png", "tif", "tiff", "jpg", "jpeg", "hdr", "pic", "dng", "nef", "arw", "cr2",
+        "cr3", "raf", "rw2", "orf", "pef", "srw",
+    ];
     let here = folder.join(below);
     let entries = std::fs::read_dir(&here).map_err(|cause| Error::read(&here, cause))?;
     for entry in entries {
@@ -227,7 +230,9 @@ fn write_draft(
     to_do.push("camera.distance: from the camera to the object's centre, in metres".into());
     writeln!(out, "\n[sensor]")?;
     let encoding = match (first.format, first.storage) {
-        (Format::Exr | Format::Hdr, _) | (_, Storage::Half | Storage::Float) => "linear",
+        (Format::Exr | Format::Hdr | Format::Raw, _) | (_, Storage::Half | Storage::Float) => {
+            "linear"
+        }
         (_, Storage::Integer { max: 0..=255 }) => "srgb",
         _ => "linear",
     };

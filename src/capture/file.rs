@@ -89,28 +89,35 @@ fn whole(root: &Section<'_>, folder: &Path) -> Option<Capture> {
     sensor_section.check_unknown();
 
     let mut views = listed_views(root, folder);
-    views.extend(evenly_spaced_views(&root.section("views"), folder));
-    if views.is_empty() {
+    let orbit = root.section("views");
+    views.extend(evenly_spaced_views(&orbit, folder));
+    // An orbit without photos was reported there.
+    if views.is_empty() && !orbit.exists() {
         root.missing(
             "view",
             "Add a [[view]] for each camera position, or [views] files = \"…\" for an even orbit.",
         );
     }
     given_twice(root, &views);
-    let headers = Headers::read(&views, folder);
+    let mut headers = Headers::read(&views, folder);
+    headers.no_photos = views.is_empty();
     exposures(root, &mut views, &headers);
 
     let camera = camera(&camera_section, &headers, object.as_ref());
     if let (Some(camera), Some(object)) = (&camera, &object)
         && camera.distance <= object.radius
     {
+        let millimetres = format!(
+            "Both are in metres: is the radius in millimetres? Then write radius = {}.",
+            object.radius / 1000.0
+        );
         camera_section.fault(
             "distance",
             format!(
                 "expected a camera outside the object's radius of {} m, found {} m",
                 object.radius, camera.distance
             ),
-            None,
+            (object.radius / 1000.0 < camera.distance).then_some(millimetres.as_str()),
         );
     }
     camera_section.check_unknown();
@@ -186,7 +193,7 @@ fn camera(section: &Section<'_>, headers: &Headers, object: Option<&Object>) -> 
             None
         }
         None => {
-            if !section.has("image_size") && headers.size.is_none() {
+            if !section.has("image_size") && headers.size.is_none() && !headers.no_photos {
                 section.missing(
                     "image_size",
                     "Give [width, height] of the photos in pixels.",
@@ -318,7 +325,9 @@ pub(crate) fn sensor(section: &Section<'_>, folder: &Path) -> Sensor {
                 section.fault(
                     "encoding",
                     what,
-                    Some("Write \"linear\", \"srgb\", \"gamma:2.2\" or \"response:FILE.csv\"."),
+                    Some(
+                        "Write \"linear\", \"srgb\", \"gamma:2.2\", \"response:FILE.csv\" or \"recover\".",
+                    ),
                 );
             })
             .ok()
@@ -379,6 +388,7 @@ fn encoding(text: &str, folder: &Path) -> std::result::Result<Encoding, String> 
     match text.split_once(':') {
         None if text == "linear" => Ok(Encoding::Linear),
         None if text == "srgb" => Ok(Encoding::Srgb),
+        None if text == "recover" => Ok(Encoding::Recover(None)),
         Some(("gamma", number)) => match number.trim().parse::<f64>() {
             Ok(gamma) if (0.1..=10.0).contains(&gamma) => Ok(Encoding::Gamma(gamma)),
             _ => Err(format!(

@@ -11,6 +11,7 @@ mod to_toml;
 mod views;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -124,6 +125,19 @@ pub enum Encoding {
     Gamma(f64),
     /// A measured response curve, relative to the capture's folder.
     Response(PathBuf),
+    /// The response is recovered from the set's own brackets; the curve, once that was done.
+    Recover(Option<Arc<ResponseCurve>>),
+}
+
+/// A response curve as a table, straight between its rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResponseCurve {
+    /// Stored values, increasing.
+    pub stored: Vec<f64>,
+    /// Their linear values, \[channel\]\[row\], increasing.
+    pub linear: Vec<Vec<f64>>,
+    /// Standard deviations of the linear values, \[channel\]\[row\].
+    pub sigma: Vec<Vec<f64>>,
 }
 
 /// One camera position.

@@ -60,6 +60,7 @@ fn write_sensor(sensor: &Sensor, out: &mut String) -> std::fmt::Result {
         None => {}
         Some(Encoding::Linear) => writeln!(out, "encoding = \"linear\"")?,
         Some(Encoding::Srgb) => writeln!(out, "encoding = \"srgb\"")?,
+        Some(Encoding::Recover(_)) => writeln!(out, "encoding = \"recover\"")?,
         Some(Encoding::Gamma(gamma)) => writeln!(out, "encoding = \"gamma:{gamma}\"")?,
         Some(Encoding::Response(file)) => {
             let text = format!("response:{}", file.display());

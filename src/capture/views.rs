@@ -169,6 +169,11 @@ fn matching(pattern: &str, folder: &Path) -> std::result::Result<Vec<PathBuf>, S
 /// Reports views of one direction, and photos used twice for one measurement.
 pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
     let mut directions = HashMap::new();
+    // One camera that never moved: a mirror ball's photos by several lights, whose directions are to be found.
+    let fixed = views.len() > 2
+        && views
+            .iter()
+            .all(|v| v.orbit == views[0].orbit && v.plane_roll == views[0].plane_roll);
     let mut files = HashMap::new();
     for (i, view) in views.iter().enumerate() {
         // Angles closer than a millionth of a degree are the same angle written twice.
@@ -176,7 +181,8 @@ pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
             (radians.to_degrees().rem_euclid(360.0) * 1e6).round() as i64 % 360_000_000
         };
         let plane = key(view.plane_roll);
-        if view.orbit.rad().is_finite()
+        if !fixed
+            && view.orbit.rad().is_finite()
             && let Some(first) = directions.insert((key(view.orbit.rad()), plane), i)
         {
             root.fault(
@@ -207,6 +213,8 @@ pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
 pub(super) struct Headers {
     /// Size of the first photo that can be opened.
     pub(super) size: Option<[u32; 2]>,
+    /// Whether photos should have been there and were not, which was reported.
+    pub(super) no_photos: bool,
     /// Exposure time by file, where the description gives none.
     exposure_s: HashMap<PathBuf, Option<f64>>,
 }
@@ -221,6 +229,7 @@ impl Headers {
             .collect();
         // A photo that cannot be opened is told when its pixels are wanted.
         Self {
+            no_photos: false,
             size: photos()
                 .find_map(|photo| Some(photo::info(&folder.join(&photo.file)).ok()?.size)),
             exposure_s: unstated

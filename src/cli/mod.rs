@@ -1,9 +1,11 @@
 //! Arguments, progress bars, printing: the only place that prints.
 
 mod check;
+mod compare;
 mod init;
 mod paper;
 mod prefilter;
+mod probe;
 mod progress;
 mod report;
 mod run;
@@ -75,6 +77,19 @@ enum Command {
         /// A folder with a capture.toml, or that file
         capture: PathBuf,
     },
+    /// Directions of the lights that a mirror ball shows, as CSV: for plane_roll_deg and orbit_deg of a sphere in its place
+    #[command(
+        after_help = "Example:\n  flatlight probe ball/ > lights.csv\n  flatlight probe ball/ --views    [[view]] tables for the capture.toml of the sphere in the ball's place\n\nlight_deg is the angle from the optical axis to the light, in the plane of plane_roll_deg; orbit_deg = −light_deg counts\ncamera directions from the light, so that photos by several lights of one fixed camera become views of one light at 0°."
+    )]
+    Probe {
+        /// A folder with the capture.toml of the ball's photos, or that file
+        capture: PathBuf,
+        /// Print [[view]] tables instead of CSV
+        #[arg(long)]
+        views: bool,
+    },
+    /// Two products of the same kind: factor, error, where, and whether within the error bars
+    Compare(compare::Arguments),
     /// The report again, from what a run left in its folder
     #[command(after_help = "Example:\n  flatlight report out/\n  then open out/report.html")]
     Report {
@@ -135,6 +150,8 @@ pub fn main() -> ExitCode {
         } => run::run(recipe, capture, out, *force, &arguments.common),
         Command::Init { folder } => init::run(folder, &arguments.common),
         Command::Check { capture } => check::run(capture, &arguments.common),
+        Command::Probe { capture, views } => probe::run(capture, *views, &arguments.common),
+        Command::Compare(wanted) => compare::compare(wanted, &arguments.common),
         Command::Report { run } => report::run(run, &arguments.common),
         Command::Simulate { recipe, out, force } => {
             simulate::run(recipe, out, *force, &arguments.common)

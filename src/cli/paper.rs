@@ -8,7 +8,7 @@ use atomic_write_file::AtomicWriteFile;
 use flatlight::validate::paper::{STATEMENTS, recompute};
 use flatlight::{Error, Result, report};
 
-use super::Common;
+use super::{Common, say};
 
 /// Recomputes the paper, writes the page and the table, prints a summary; failed checks are an error.
 pub fn paper(out: &Path, common: &Common) -> Result<()> {
@@ -19,7 +19,7 @@ pub fn paper(out: &Path, common: &Common) -> Result<()> {
     let page = out.join("paper.html");
     write(&page, &report::paper::page(&paper)?)?;
     write(&out.join("paper.csv"), &report::paper::csv(&paper))?;
-    if !common.quiet {
+    if !common.quiet && common.log == say::Log::Text {
         println!("equation     checks  worst difference/tolerance  result");
         for statement in &STATEMENTS {
             let checks = || {
@@ -48,12 +48,15 @@ pub fn paper(out: &Path, common: &Common) -> Result<()> {
         .filter(|c| !c.passed)
         .map(|c| format!("eq. {}: {}", c.equation, c.claim))
         .collect();
-    println!(
-        "{} of {} checks pass, recomputed in {seconds:.1} s",
-        paper.checks.len() - failed.len(),
-        paper.checks.len()
+    say::result(
+        common,
+        &format!(
+            "{} of {} checks pass, recomputed in {seconds:.1} s\nopen {}",
+            paper.checks.len() - failed.len(),
+            paper.checks.len(),
+            page.display()
+        ),
     );
-    println!("open {}", page.display());
     if failed.is_empty() {
         return Ok(());
     }

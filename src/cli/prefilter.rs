@@ -1,18 +1,22 @@
 //! `flatlight prefilter`.
 
+mod told;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
+use flatlight::angle::WorldAngle;
 use flatlight::brdf::{Family, Material, Model};
-use flatlight::capture::Capture;
-use flatlight::geometry::{CameraModel, Pose, ViewGeometry};
 use flatlight::lighting::environment::{Environment, Section, Serves};
 use flatlight::lighting::{Lighting, read_table};
-use flatlight::reflect::prefilter::{Options, Prefiltered, Ways, prefilter as compute};
+use flatlight::reflect::prefilter::{
+    Options, Prefiltered, Stage, Viewpoint, Ways, prefilter as compute,
+};
 use flatlight::{Error, Grid, Result};
 
-use super::Common;
+use super::{Common, say};
+use told::{Told, Tried};
 
 /// Cells that `--check` compares, and the seed that picks them.
 const CHECKED: (usize, u64) = (500, 1);
@@ -57,12 +61,15 @@ pub struct Arguments {
     /// Compares random cells with brute force, and times every way
     #[arg(long)]
     check: bool,
-    /// Renders the object of a capture.toml instead of writing the table
-    #[arg(long, value_name = "CAPTURE", requires = "view")]
+    /// Renders the object of a capture.toml, seen by its camera, instead of writing the table
+    #[arg(long, value_name = "CAPTURE")]
     strip: Option<PathBuf>,
     /// View of the capture, counted from 0
-    #[arg(long, requires = "strip")]
+    #[arg(long, requires = "strip", conflicts_with = "orbit_deg")]
     view: Option<usize>,
+    /// Direction from the object to the camera for --strip, degrees in the light's frame
+    #[arg(long, requires = "strip", allow_negative_numbers = true)]
+    orbit_deg: Option<f64>,
 }
 
 /// What of a map is the planar light.
@@ -84,9 +91,11 @@ pub fn prefilter(wanted: &Arguments, common: &Common) -> Result<()> {
         };
         return Err(Error::input(message).file(&wanted.out).key("--out"));
     }
+    let from = viewpoint(wanted)?;
     let (model, folder) = describe(&wanted.brdf)?;
     let mut warnings = model.warnings();
-    let lighting = light(wanted, &model, &mut warnings)?;
+    let mut told = Told::default();
+    let lighting = light(wanted, &model, &mut warnings, &mut told)?;
     let material = model.material(&lighting.channels, &folder)?;
     if common.strict && !warnings.is_empty() {
         return Err(Error::failed(format!(
@@ -105,33 +114,55 @@ pub fn prefilter(wanted: &Arguments, common: &Common) -> Result<()> {
     };
     let start = Instant::now();
     let made = compute(&lighting, &material, grid, &options)?;
-    let seconds = start.elapsed().as_secs_f64();
-    let rendered = match (&wanted.strip, wanted.view) {
-        (Some(capture), Some(view)) => Some(strip(&made, capture, view, &wanted.out)?),
-        _ => None,
-    };
-    match (&rendered, kind.as_str()) {
-        (Some(_), _) => {}
+    told.seconds = start.elapsed().as_secs_f64();
+    match (&from, kind.as_str()) {
+        (Some(from), _) => {
+            let start = Instant::now();
+            let image = made.view(from);
+            told.view = Some((from.size, 1e3 * start.elapsed().as_secs_f64()));
+            made.write_view(&wanted.out, from.size, &image)?;
+        }
         (None, "csv") => made.write_csv(&wanted.out)?,
         (None, _) => made.write(&wanted.out)?,
     }
-    if !common.quiet {
-        for warning in warnings {
-            eprintln!("warning: {warning}");
-        }
+    for warning in &warnings {
+        say::warning(common, warning);
     }
-    print_channels(&made, wanted.tolerance);
-    print_ways(&made);
     if wanted.check {
-        check(&made, &lighting, &material, &options, seconds)?;
-    } else {
-        println!("prefiltered in {seconds:.3} s");
+        check(&made, &lighting, &material, &options, &mut told)?;
     }
-    if let Some(rendered) = rendered {
-        println!("{rendered}");
+    match common.log {
+        say::Log::Text => print!("{}", told.words(&made, wanted.tolerance, &wanted.out)),
+        say::Log::Json => println!("{}", told.json(&made, wanted.tolerance, &wanted.out)),
     }
-    println!("wrote {}", wanted.out.display());
+    let worst = told.tried.first().map_or(0.0, |t| t.error.unwrap_or(0.0));
+    if worst > options.tolerance {
+        return Err(Error::failed(format!(
+            "--check: the error is {worst:.1e} of the level, above the tolerance {:e}",
+            options.tolerance
+        )));
+    }
     Ok(())
+}
+
+/// Where the camera of `--strip` stands.
+fn viewpoint(wanted: &Arguments) -> Result<Option<Viewpoint>> {
+    let Some(file) = &wanted.strip else {
+        return Ok(None);
+    };
+    let stage = Stage::read(file)?;
+    let from = match (wanted.view, wanted.orbit_deg) {
+        (Some(view), _) => stage.view(view)?,
+        (None, Some(orbit)) if orbit.is_finite() => stage.at(WorldAngle::degrees(orbit), 0.0)?,
+        (None, orbit) => {
+            let found = orbit.map_or("neither".to_owned(), |o| o.to_string());
+            return Err(Error::input(format!(
+                "expected --view N or --orbit-deg ANGLE for the camera's place, found {found}"
+            ))
+            .key("--strip"));
+        }
+    };
+    Ok(Some(from))
 }
 
 fn extension(file: &Path) -> String {
@@ -206,7 +237,12 @@ fn inline(text: &str) -> Result<toml::Table> {
 }
 
 /// The planar light of the environment.
-fn light(wanted: &Arguments, model: &Model, warnings: &mut Vec<String>) -> Result<Lighting> {
+fn light(
+    wanted: &Arguments,
+    model: &Model,
+    warnings: &mut Vec<String>,
+    told: &mut Told,
+) -> Result<Lighting> {
     let file = &wanted.environment;
     if extension(file) == "csv" {
         for (key, given) in [
@@ -260,7 +296,7 @@ fn light(wanted: &Arguments, model: &Model, warnings: &mut Vec<String>) -> Resul
         PartOfMap::Equator => Serves::Mirror,
         PartOfMap::Columns => Serves::Lambertian,
     };
-    println!(
+    told.light = Some(format!(
         "{}: {} × {} pixels, channels {}; the planar light is its {}",
         file.display(),
         map.width,
@@ -270,69 +306,12 @@ fn light(wanted: &Arguments, model: &Model, warnings: &mut Vec<String>) -> Resul
             PartOfMap::Equator => "equator (radiance in the plane)",
             PartOfMap::Columns => "columns, weighted by cos² of the elevation",
         }
-    );
+    ));
     Ok(map.planar(Section {
         heading: wanted.heading_deg.to_radians(),
         roll: wanted.roll_deg.to_radians(),
         serves,
     }))
-}
-
-fn print_channels(made: &Prefiltered, tolerance: f64) {
-    println!(
-        "{} × {} cells, tolerance {tolerance:e} of the level (the mean light field without peaks)\n",
-        made.grid.normals, made.grid.locals
-    );
-    println!(
-        "channel        level  peaks  their share  orders     coefficients  lobe columns  bound/level"
-    );
-    for choice in &made.choices {
-        let (least, most) = choice.orders();
-        println!(
-            "{:<9} {:>10.4e} {:>6} {:>10.2} %  {:<9} {:>13} {:>13} {:>12.1e}",
-            choice.channel,
-            choice.level,
-            choice.peaks,
-            100.0 * choice.peak_share,
-            format!("{least}–{most}"),
-            choice.coefficients(),
-            choice.split_columns(),
-            choice.bound,
-        );
-    }
-    println!();
-}
-
-fn name(ways: Ways) -> &'static str {
-    match ways {
-        Ways::Cheapest => "cheapest per column",
-        Ways::Product => "coefficients only",
-        Ways::Split => "lobe by an integral",
-    }
-}
-
-/// The peaks and ways that were chosen: the cheapest.
-fn print_ways(made: &Prefiltered) {
-    let taken: f64 = made.choices.iter().map(|c| c.cost).sum();
-    let peaks = made.choices.first().map_or(0, |c| c.peaks);
-    println!("peaks  way                   coefficients  predicted/s  bound/level");
-    for way in &made.considered {
-        print!("{:>5}  {:<20}", way.peaks, name(way.ways));
-        match way.prediction {
-            Some(p) => {
-                let chosen = way.ways == Ways::Cheapest && way.peaks == peaks && p.cost == taken;
-                println!(
-                    "{:>14} {:>12.4} {:>12.1e}{}",
-                    p.coefficients,
-                    p.cost,
-                    p.bound,
-                    if chosen { "  chosen" } else { "" }
-                );
-            }
-            None => println!("  cannot keep the tolerance"),
-        }
-    }
-    println!("(predicted: one core)\n");
 }
 
 /// Every way once, timed, and compared with brute force.
@@ -341,79 +320,37 @@ fn check(
     lighting: &Lighting,
     material: &Material,
     options: &Options,
-    seconds: f64,
+    told: &mut Told,
 ) -> Result<()> {
-    println!(
-        "way                    measured/s  error/level  rms/level   ({} random cells against brute force)",
-        CHECKED.0
-    );
-    let (mut integral, mut worst) = (0.0, 0.0f64);
     for ways in Ways::ALL {
         let again;
-        let (tried, time) = if ways == Ways::Cheapest {
-            (made, seconds)
+        let (tried, seconds) = if ways == Ways::Cheapest {
+            (made, told.seconds)
         } else {
             let start = Instant::now();
             let options = Options { ways, ..*options };
             match compute(lighting, material, made.grid, &options) {
                 Ok(tried) => again = tried,
                 Err(_) => {
-                    println!("{:<20}  cannot keep the tolerance", name(ways));
+                    told.tried.push(Tried::refused(ways));
                     continue;
                 }
             }
             (&again, start.elapsed().as_secs_f64())
         };
         let found = tried.check(CHECKED.0, CHECKED.1);
-        let largest = found.iter().fold(0.0f64, |m, c| m.max(c.largest));
-        let rms = found.iter().fold(0.0f64, |m, c| m.max(c.rms));
-        println!(
-            "{:<20} {time:>12.4} {largest:>12.1e} {rms:>10.1e}",
-            name(ways)
-        );
+        told.tried.push(Tried {
+            ways,
+            seconds: Some(seconds),
+            error: Some(found.iter().fold(0.0f64, |m, c| m.max(c.largest))),
+            rms: Some(found.iter().fold(0.0f64, |m, c| m.max(c.rms))),
+        });
         if ways == Ways::Cheapest {
-            integral = found.iter().map(|c| c.integral_time.as_secs_f64()).sum();
-            worst = largest;
+            let all = found.iter().map(|c| c.integral_time.as_secs_f64());
+            told.integral = Some((CHECKED.0, all.sum()));
         }
     }
-    println!(
-        "{:<20} {integral:>12.4}               one term per value of the light; {:.0} times the first",
-        "angular integral",
-        integral / seconds
-    );
-    println!();
-    if worst > options.tolerance {
-        return Err(Error::failed(format!(
-            "--check: the error is {worst:.1e} of the level, above the tolerance {:e}",
-            options.tolerance
-        )));
-    }
     Ok(())
-}
-
-/// Renders a view and writes it; what to say about it.
-fn strip(made: &Prefiltered, capture: &Path, view: usize, out: &Path) -> Result<String> {
-    let capture = Capture::read(capture)?;
-    let Some(seen) = capture.views.get(view) else {
-        return Err(Error::input(format!(
-            "expected a view below {}, found {view}",
-            capture.views.len()
-        ))
-        .key("--view"));
-    };
-    let camera = CameraModel::new(&capture.camera)?;
-    let geometry = ViewGeometry::new(&camera, &capture.object, Pose::nominal(), seen.plane_roll);
-    let size = capture.camera.image_size.map(|n| n as usize);
-    let start = Instant::now();
-    let image = made.view(&geometry, seen.orbit, size);
-    let seconds = start.elapsed().as_secs_f64();
-    made.write_view(out, size, &image)?;
-    Ok(format!(
-        "view {view}: {} × {} pixels rendered in {:.1} ms",
-        size[0],
-        size[1],
-        1e3 * seconds
-    ))
 }
 
 #[cfg(test)]

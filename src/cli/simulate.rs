@@ -6,8 +6,8 @@ use flatlight::pipeline::Progress;
 use flatlight::simulate::{Recipe, plan, simulate};
 use flatlight::{Error, Result};
 
-use super::Common;
 use super::progress::Bars;
+use super::{Common, say};
 
 /// A recipe in, a synthetic capture set with its truth out.
 pub fn run(recipe: &Path, out: &Path, force: bool, common: &Common) -> Result<()> {
@@ -24,22 +24,20 @@ pub fn run(recipe: &Path, out: &Path, force: bool, common: &Common) -> Result<()
     bars.stage("views", plan(&recipe)?.len());
     let written = simulate(&recipe, out, force, &|| bars.step())?;
     drop(bars);
-    if !common.quiet {
-        for warning in &written.warnings {
-            eprintln!("warning: {warning}");
-        }
+    for warning in &written.warnings {
+        say::warning(common, warning);
     }
-    println!(
-        "{}: {} photos of {} views in {}",
-        recipe.name,
-        written.photos,
-        written.views,
-        out.display()
-    );
-    println!(
-        "flatlight run {} --capture {} --out OUT recovers its light",
-        out.join("recipe.toml").display(),
-        out.display()
+    say::result(
+        common,
+        &format!(
+            "{}: {} photos of {} views in {}\nflatlight run {} --capture {} --out OUT recovers its light",
+            recipe.name,
+            written.photos,
+            written.views,
+            out.display(),
+            out.join("recipe.toml").display(),
+            out.display()
+        ),
     );
     Ok(())
 }

@@ -68,9 +68,14 @@ impl CircleTransform {
         assert_eq!(samples.len(), self.n, "one sample for each angle");
         let mut buffer: Vec<Complex64> = samples.iter().map(|&v| Complex64::new(v, 0.0)).collect();
         self.forward.process(&mut buffer);
-        let scale = 1.0 / self.n as f64;
+        let turn = Complex64::cis(-self.start);
+        let mut phase = Complex64::new(1.0 / self.n as f64, 0.0);
         let coefficients = (0..=order)
-            .map(|p| buffer[p % self.n] * Complex64::cis(-(p as f64) * self.start) * scale)
+            .map(|p| {
+                let coefficient = buffer[p % self.n] * phase;
+                phase *= turn;
+                coefficient
+            })
             .collect();
         Series { coefficients }
     }
@@ -90,8 +95,11 @@ impl CircleTransform {
     /// f(θ_i) for all i. Frequencies at or above n/2 alias, as they would in the exact sum.
     pub fn synthesise(&self, series: &Series) -> Vec<f64> {
         let mut buffer = vec![Complex64::ZERO; self.n];
+        let turn = Complex64::cis(self.start);
+        let mut phase = Complex64::ONE;
         for (p, c) in series.coefficients.iter().enumerate() {
-            let turned = c * Complex64::cis(p as f64 * self.start);
+            let turned = c * phase;
+            phase *= turn;
             // f = Re(f_0 + 2 Σ_{p>0} f_p e^{ipθ}): one side of the spectrum is enough.
             buffer[p % self.n] += if p == 0 { turned } else { 2.0 * turned };
         }

@@ -5,6 +5,7 @@
 
 pub mod camera;
 pub mod outline;
+pub mod probe;
 pub mod settle;
 pub mod surface;
 #[cfg(test)]
@@ -12,5 +13,6 @@ mod test_photo;
 
 pub use camera::{CameraModel, Ray};
 pub use outline::{Disagreement, LimbPoint, Outline, Search, Status};
+pub use probe::{Highlight, probe};
 pub use settle::{Settled, settle};
 pub use surface::{CrossSectionPoint, Pose, Side, SurfacePoint, ViewGeometry};

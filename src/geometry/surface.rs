@@ -164,6 +164,44 @@ impl ViewGeometry {
         Vector2::new(v.dot(&self.plane[0]), v.dot(&self.plane[1]))
     }
 
+    /// From the object's centre to the camera's, a unit vector; for parallel rays the way back along them.
+    pub fn to_camera(&self) -> Vector3<f64> {
+        if self.camera.is_orthographic() {
+            Vector3::x()
+        } else {
+            (self.camera.centre() - self.centre)
+                .try_normalize(0.0)
+                .unwrap_or(Vector3::x())
+        }
+    }
+
+    /// Angle of a direction's part in the measurement plane from the camera axes' x, radians.
+    pub fn angle_of(&self, direction: Vector3<f64>) -> f64 {
+        let part = self.in_plane(direction);
+        part.y.atan2(part.x)
+    }
+
+    /// A sphere's outward normal that the pixel shows, a unit vector in camera axes; `None` if its line of sight
+    /// misses the sphere.
+    pub fn normal(&self, pixel: [f64; 2]) -> Option<Vector3<f64>> {
+        self.towards(&self.camera.ray(pixel))
+            .map(|n| n / self.radius)
+    }
+
+    /// From a sphere's centre to where a ray meets it.
+    fn towards(&self, ray: &Ray) -> Option<Vector3<f64>> {
+        let from_centre = ray.origin - self.centre;
+        let squared = ray.direction.norm_squared();
+        let along = from_centre.dot(&ray.direction);
+        let inside =
+            along * along - squared * (from_centre.norm_squared() - self.radius * self.radius);
+        if inside.is_nan() || inside < 0.0 {
+            return None;
+        }
+        let depth = (-along - inside.sqrt()) / squared;
+        Some(from_centre + ray.direction * depth)
+    }
+
     /// What the pixel shows; `None` if its line of sight misses the object.
     pub fn at(&self, pixel: [f64; 2]) -> Option<SurfacePoint> {
         let ray = self.camera.ray(pixel);
@@ -182,16 +220,7 @@ impl ViewGeometry {
                 })
             }
             Shape::Sphere => {
-                let from_centre = ray.origin - self.centre;
-                let squared = ray.direction.norm_squared();
-                let along = from_centre.dot(&ray.direction);
-                let inside = along * along
-                    - squared * (from_centre.norm_squared() - self.radius * self.radius);
-                if inside.is_nan() || inside < 0.0 {
-                    return None;
-                }
-                let depth = (-along - inside.sqrt()) / squared;
-                let normal = from_centre + ray.direction * depth;
+                let normal = self.towards(&ray)?;
                 let n = self.in_plane(normal);
                 let back = self.in_plane(-ray.direction);
                 Some(SurfacePoint {

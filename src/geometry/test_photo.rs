@@ -23,6 +23,8 @@ pub struct Scene {
     /// Radiance of a diffuse surface under the fill.
     pub fill: f64,
     pub exponent: i32,
+    /// Roughness of a GGX metal that stands in the place of the diffuse and glossy Phong surface.
+    pub metal: Option<f64>,
     pub background: f64,
     /// Standard deviation of normal noise.
     pub noise: f64,
@@ -49,6 +51,7 @@ impl Scene {
             suns: vec![(0.65, 3.0), (-1.83, 1.3)],
             fill: 0.05,
             exponent: 32,
+            metal: None,
             background: 0.0,
             noise: 0.0,
         }
@@ -89,8 +92,14 @@ impl Scene {
             let light = Vector3::new((theta - orbit).cos(), (theta - orbit).sin(), 0.0);
             let cosine = normal.dot(&light);
             if cosine > 0.0 {
-                let lobe = mirrored.dot(&light).max(0.0).powi(self.exponent);
-                sum += irradiance * cosine * (0.3 / PI + 0.4 * (n + 2.0) / (2.0 * PI) * lobe);
+                let reflected = match self.metal {
+                    Some(alpha) => metal(alpha, normal, light, view),
+                    None => {
+                        let lobe = mirrored.dot(&light).max(0.0).powi(self.exponent);
+                        0.3 / PI + 0.4 * (n + 2.0) / (2.0 * PI) * lobe
+                    }
+                };
+                sum += irradiance * cosine * reflected;
             }
         }
         sum
@@ -134,6 +143,17 @@ impl Scene {
             noise_known: true,
         }
     }
+}
+
+/// GGX with Smith's shadowing and a reflectance of 1 (Walter et al., EGSR 2007, equations 20, 33, 34): its long tails
+/// leave a limb far from the highlight dim, not black.
+fn metal(alpha: f64, n: Vector3<f64>, light: Vector3<f64>, view: Vector3<f64>) -> f64 {
+    let (ci, co) = (n.dot(&light), n.dot(&view).max(1e-6));
+    let ch = n.dot(&(light + view).normalize());
+    let a2 = alpha * alpha;
+    let d = a2 / (PI * (ch * ch * (a2 - 1.0) + 1.0).powi(2));
+    let g = |c: f64| 2.0 / (1.0 + (1.0 + a2 * (1.0 / (c * c) - 1.0)).sqrt());
+    d * g(ci) * g(co) / (4.0 * ci * co)
 }
 
 /// Where a displaced object appears from `orbit`: `world` in metres, then the tilt.

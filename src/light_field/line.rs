@@ -46,7 +46,30 @@ impl MeasuredLine {
     /// # Errors
     /// If the line does not lie in the rows of `radiance`, or is shorter than a few pixels.
     pub fn read(radiance: &Radiance, geometry: &ViewGeometry, reach: f64) -> Result<Self> {
-        let ends = Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel));
+        Self::read_below(radiance, geometry, reach, 0.0)
+    }
+
+    /// The same along a line that lies `below` pixels lower in the image: a cylinder seen out of its plane.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_below(
+        radiance: &Radiance,
+        geometry: &ViewGeometry,
+        reach: f64,
+        below: f64,
+    ) -> Result<Self> {
+        // Along the axis, so that the same normals are seen; a level line keeps to the pixels' columns.
+        let tilt = geometry.pose().tilt.tan();
+        let aside = if tilt.abs() < LEVEL {
+            0.0
+        } else {
+            tilt * below
+        };
+        let ends = Side::BOTH.map(|side| {
+            let [u, v] = geometry.limb(side)?.pixel;
+            Some([u + aside, v + below])
+        });
         let [Some(left), Some(right)] = ends else {
             return Err(Error::input("the camera is inside the object")
                 .key("camera.distance")

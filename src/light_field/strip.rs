@@ -7,6 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::dust;
 use crate::radiance::Radiance;
 
 /// Radiance at one pixel step along the measured line.
@@ -23,31 +24,44 @@ pub struct Station {
 /// Stations on both sides over which the scatter of rows is pooled where no noise model is stated.
 const POOL: usize = 12;
 /// Variance of a position within a pixel of width 1.
-const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
+pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
 /// Sums over the rows of one station and channel.
 #[derive(Clone, Copy, Default)]
-struct Sums {
-    count: u32,
+pub(super) struct Sums {
+    pub count: u32,
     /// Σ t^k, k = 0 … 4.
     powers: [f64; 5],
     /// Σ v, Σ v t, Σ v t².
     values: [f64; 3],
     square: f64,
-    variance: f64,
+    pub variance: f64,
 }
 
 /// Weights of the value at t = 0 in the fit, as a function of t: row of (XᵀX)⁻¹ for the constant.
-struct Fit {
-    value: f64,
+#[derive(Clone, Copy)]
+pub(super) struct Fit {
+    pub value: f64,
     /// Σ of squared weights of the rows: the variance of `value` for pixels of variance 1.
-    gain: f64,
-    residual: f64,
-    freedom: u32,
+    pub gain: f64,
+    pub residual: f64,
+    pub freedom: u32,
 }
 
 impl Sums {
-    fn add(&mut self, t: f64, value: f64, variance: f64) {
+    /// The coefficients of 1, t and t² (its mean over a pixel) for five rows or more.
+    pub(super) fn curve(&self) -> Option<[f64; 3]> {
+        let n = f64::from(self.count);
+        let [_, p1, p2, p3, p4] = self.powers;
+        let k = PIXEL_VARIANCE;
+        let (q2, q3, q4) = (p2 + k * n, p3 + k * p1, p4 + 2.0 * k * p2 + k * k * n);
+        let [v0, v1, v2] = self.values;
+        let normal = Matrix3::new(n, p1, q2, p1, p2, q3, q2, q3, q4);
+        let fit = normal.try_inverse()? * Vector3::new(v0, v1, v2 + k * v0);
+        (self.count >= 5).then_some([fit[0], fit[1], fit[2]])
+    }
+
+    pub(super) fn add(&mut self, t: f64, value: f64, variance: f64) {
         let t2 = t * t;
         self.count += 1;
         for (sum, power) in self.powers.iter_mut().zip([1.0, t, t2, t2 * t, t2 * t2]) {
@@ -61,7 +75,7 @@ impl Sums {
     }
 
     /// The fit at t = 0 with as many terms as the rows determine; `None` without rows.
-    fn fit(&self) -> Option<Fit> {
+    pub(super) fn fit(&self) -> Option<Fit> {
         let n = f64::from(self.count);
         // The mean of t² over a pixel is larger than that of its centre.
         let [_, p1, p2, p3, p4] = self.powers;
@@ -146,7 +160,55 @@ pub fn along_rows(
             }
         }
     }
-    stations(&sums, channels, radiance.noise_known)
+    let mut fits: Vec<Option<Fit>> = sums.iter().map(Sums::fit).collect();
+    leave_dust_out(radiance, columns.start, &lines, &mut sums, &mut fits);
+    stations(&sums, &fits, channels, radiance.noise_known)
+}
+
+/// Replaces the sums and fits of stations some of whose rows are off; `lines` and `sums` as in
+/// [`along_rows`], from image column `first` on.
+fn leave_dust_out(
+    radiance: &Radiance,
+    first: usize,
+    lines: &[(f64, f64)],
+    sums: &mut [Sums],
+    fits: &mut [Option<Fit>],
+) {
+    let channels = radiance.channels.len();
+    let width = radiance.size[0] as usize;
+    for c in 0..channels {
+        let scatter: Vec<Option<[f64; 2]>> = sums
+            .iter()
+            .zip(fits.iter())
+            .skip(c)
+            .step_by(channels)
+            .map(|(s, fit)| {
+                let fit = fit.filter(|fit| fit.freedom >= dust::LEAST_FREEDOM)?;
+                Some([
+                    fit.residual / f64::from(fit.freedom),
+                    s.variance / f64::from(s.count),
+                ])
+            })
+            .collect();
+        for k in dust::suspicious(&scatter) {
+            let (height, reach) = lines[k];
+            let rows: Vec<dust::Row> = radiance
+                .rows
+                .clone()
+                .filter_map(|row| {
+                    let at = (row - radiance.rows.start) as usize * width + first + k;
+                    let t = f64::from(row) + 0.5 - height;
+                    let variance = f64::from(radiance.variance[c][at]);
+                    let value = f64::from(radiance.value[c][at]);
+                    (t.abs() <= reach && variance.is_finite()).then_some((t, value, variance))
+                })
+                .collect();
+            if let Some(kept) = dust::without(&rows) {
+                sums[k * channels + c] = kept;
+                fits[k * channels + c] = kept.fit();
+            }
+        }
+    }
 }
 
 /// Stations at the given image positions for a line in any direction: pixels are gathered in a frame
@@ -232,8 +294,12 @@ pub fn along_line(
 
 /// From sums to stations; where the noise is not known it is taken from the rows' scatter about the
 /// fit, pooled over neighbouring stations, and the file's quantisation (which rows share) is added in full.
-fn stations(sums: &[Sums], channels: usize, noise_known: bool) -> Vec<Station> {
-    let fits: Vec<Option<Fit>> = sums.iter().map(Sums::fit).collect();
+fn stations(
+    sums: &[Sums],
+    fits: &[Option<Fit>],
+    channels: usize,
+    noise_known: bool,
+) -> Vec<Station> {
     let length = sums.len() / channels.max(1);
     (0..length)
         .map(|k| {
@@ -322,6 +388,26 @@ mod tests {
                     "{height} {u}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn dust_on_some_rows_does_not_show() {
+        let height = 40;
+        let scene = |x: f64, y: f64| 2.0 + 0.02 * x - 0.001 * (y - 20.0).powi(2);
+        let clean = image(height, scene);
+        let mut dusty = clean.clone();
+        for y in 22..31 {
+            for x in 10..15 {
+                dusty.value[0][y * 32 + x] *= 0.6;
+            }
+        }
+        let read = |image: &Radiance| along_rows(image, 0..32, |_| (20.0, 30.0));
+        for (u, (a, b)) in read(&clean).iter().zip(read(&dusty)).enumerate() {
+            // Without noise the sound rows tell the same; rounding to f32 is 2e-7.
+            assert!((a.value[0] - b.value[0]).abs() < 2e-6, "{u}");
+            let pixels = if (10..15).contains(&u) { 31 } else { 40 };
+            assert_eq!(b.pixels, pixels, "{u}");
         }
     }
 

@@ -362,7 +362,8 @@ pub fn write_spectrum(file: &Path, rows: &[SpectrumRow]) -> Result<()> {
     write_whole(file, &text)
 }
 
-/// Reads a spectrum as [`write_spectrum`] writes it.
+/// Reads a spectrum as [`write_spectrum`] writes it, or without σ and status, as a truth has them: then every
+/// coefficient is determined.
 ///
 /// # Errors
 /// With file and line, for a header or a field that is not as expected.
@@ -371,7 +372,7 @@ pub fn read_spectrum(file: &Path) -> Result<Vec<SpectrumRow>> {
     let mut lines = numbered(&text);
     let expected = "channel,p,re,im,sigma,status";
     match lines.next() {
-        Some((_, header)) if header == expected => {}
+        Some((_, header)) if header == expected || header == "channel,p,re,im" => {}
         other => {
             let found = other.map_or("", |(_, h)| h);
             return Err(
@@ -388,13 +389,17 @@ pub fn read_spectrum(file: &Path) -> Result<Vec<SpectrumRow>> {
 
 fn parse_spectrum_row(line: &str) -> Result<SpectrumRow> {
     let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-    let [channel, p, re, im, sigma, status] = fields.as_slice() else {
-        return Err(Error::input(format!(
-            "expected 6 fields, found {}",
-            fields.len()
-        )));
+    let [channel, p, re, im, sigma, status] = match fields.as_slice() {
+        [channel, p, re, im] => [*channel, *p, *re, *im, "", "determined"],
+        [channel, p, re, im, sigma, status] => [*channel, *p, *re, *im, *sigma, *status],
+        _ => {
+            return Err(Error::input(format!(
+                "expected 6 fields, found {}",
+                fields.len()
+            )));
+        }
     };
-    let status = match *status {
+    let status = match status {
         "determined" => Status::Determined,
         "weak" => Status::Weak,
         "indeterminate" => Status::Indeterminate,
@@ -406,7 +411,7 @@ fn parse_spectrum_row(line: &str) -> Result<SpectrumRow> {
         }
     };
     Ok(SpectrumRow {
-        channel: (*channel).into(),
+        channel: channel.into(),
         p: p.parse().map_err(|_| {
             Error::input(format!("expected a frequency of 0 or more, found {p:?}")).key("p")
         })?,
@@ -414,7 +419,7 @@ fn parse_spectrum_row(line: &str) -> Result<SpectrumRow> {
             parse_number(re).map_err(|e| e.key("re"))?,
             parse_number(im).map_err(|e| e.key("im"))?,
         ),
-        sigma: match *sigma {
+        sigma: match sigma {
             "" => None,
             s => Some(parse_number(s).map_err(|e| e.key("sigma"))?),
         },

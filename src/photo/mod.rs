@@ -8,6 +8,7 @@ mod hdr;
 mod jpeg;
 mod orientation;
 mod png;
+pub(crate) mod raw;
 mod shot;
 #[cfg(test)]
 mod tests;
@@ -54,6 +55,13 @@ pub enum Storage {
     Float,
     /// Three 8-bit mantissas with one exponent (Radiance HDR).
     SharedExponent,
+    /// A sensor's code values, given above its black level, which may leave them below 0.
+    Sensor {
+        /// The value at which the sensor saturates, above black.
+        white: u32,
+        /// The black level that was subtracted: the lowest value is as far below 0.
+        black: u32,
+    },
 }
 
 /// File formats, told by content and not by name.
@@ -69,6 +77,8 @@ pub enum Format {
     Tiff,
     /// Radiance HDR.
     Hdr,
+    /// Camera RAW, DNG among it.
+    Raw,
 }
 
 /// What a photograph's header says.
@@ -114,6 +124,7 @@ pub fn read(path: &Path, rows: Option<Range<u32>>) -> Result<Photo> {
         }
         Format::Tiff => tiff::open(opened).and_then(|(header, decode)| header.photo(rows, decode)),
         Format::Hdr => hdr::open(opened).and_then(|(header, decode)| header.photo(rows, decode)),
+        Format::Raw => raw::read(path, rows),
     })
 }
 
@@ -128,6 +139,7 @@ pub fn info(path: &Path) -> Result<Info> {
         Format::Jpeg => Ok(jpeg::open(opened, false)?.0.info()),
         Format::Tiff => Ok(tiff::open(opened)?.0.info()),
         Format::Hdr => Ok(hdr::open(opened)?.0.info()),
+        Format::Raw => raw::info(path),
     })
 }
 
@@ -160,8 +172,13 @@ fn open(path: &Path) -> Result<Opened> {
         .and_then(|_| reader.rewind())
         .map_err(|cause| Error::read(path, cause))?;
     let format = Format::of(&start).ok_or_else(|| {
-        Error::input("expected an EXR, PNG, TIFF, JPEG or HDR file, found none of them").file(path)
+        Error::input("expected an EXR, PNG, TIFF, JPEG, HDR or RAW file, found none of them")
+            .file(path)
     })?;
+    let format = match format {
+        Format::Tiff if raw::is_raw(path) => Format::Raw,
+        format => format,
+    };
     Ok(Opened {
         reader,
         format,
@@ -187,6 +204,18 @@ impl Format {
         }
         if begins(b"#?") {
             return Some(Self::Hdr);
+        }
+        // Panasonic, Olympus, Fujifilm, Canon.
+        const RAW: [&[u8]; 6] = [
+            b"IIU\0",
+            b"IIRO",
+            b"IIRS",
+            b"MMOR",
+            b"FUJIFILMCCD-RAW",
+            b"FOVb",
+        ];
+        if RAW.into_iter().any(begins) || start.get(4..12) == Some(b"ftypcrx ") {
+            return Some(Self::Raw);
         }
         None
     }

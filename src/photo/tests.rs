@@ -409,7 +409,7 @@ fn what_is_no_photo_is_said() {
         read(&path, None).unwrap_err().to_string()
     };
     assert!(message(b"").contains("found an empty file"));
-    assert!(message(b"GIF89a").contains("expected an EXR, PNG, TIFF, JPEG or HDR"));
+    assert!(message(b"GIF89a").contains("expected an EXR, PNG, TIFF, JPEG, HDR or RAW"));
     assert!(
         read(folder.path(), None)
             .unwrap_err()

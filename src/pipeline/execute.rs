@@ -6,11 +6,13 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::advice;
 use super::explain;
 use super::fit;
 use super::joint;
 use super::material;
 use super::measure::{Measured, measure};
+use super::orbit::{OrbitRefinement, refine_orbit, turn};
 use super::progress::Progress;
 use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Run, Verdict};
@@ -32,8 +34,12 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         Recover::Both => joint::FOOTPRINT,
         _ => FOOTPRINT,
     };
-    let measured = measure(capture, &recipe.light_field, footprint, progress)?;
+    let mut measured = measure(capture, &recipe.light_field, footprint, progress)?;
     clock.lap("photos to light field");
+    let orbit = refine_orbit(&mut measured, recipe, capture)?;
+    if orbit.is_some() {
+        clock.lap("orbit angles");
+    }
     let spectrum = spectrum(&measured.samples);
     clock.lap("spectrum");
     let radiance_unit = if capture.sensor.responsivity.is_some() || is_float(capture) {
@@ -43,6 +49,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     };
     let task = Task {
         recipe,
+        capture,
         measured: &measured,
         absolute: radiance_unit.starts_with('W'),
         progress,
@@ -53,12 +60,21 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         Recover::Both => task.both(&mut clock)?,
         Recover::None => Recovered::default(),
     };
+    if let (Some(orbit), Some(light)) = (&orbit, &mut recovered.lighting) {
+        turn(light, orbit.mean_sigma_deg.to_radians());
+    }
     let mut warnings = measured.warnings.clone();
     warnings.append(&mut recovered.warnings);
     warnings.extend(explain::fit_warnings(recipe.recover, &measured, &recovered));
     let warnings = explain::grouped(warnings);
     refuse(&mut recovered);
-    let findings = explain::findings(recipe, &measured, &recovered);
+    let mut findings = explain::findings(recipe, &measured, &recovered);
+    findings.extend(orbit.as_ref().map(OrbitRefinement::finding));
+    // It rests on the first channel's result.
+    let accepted = |f: &&fit::FitQuality| f.verdict != Verdict::Refused;
+    if recovered.fit.first().filter(accepted).is_some() {
+        findings.extend(recovered.advice.take());
+    }
     Ok(Run {
         title: recipe.title.clone().unwrap_or_else(|| capture.name.clone()),
         recover: recipe.recover.word().into(),
@@ -69,6 +85,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         radiance_unit: radiance_unit.into(),
         limb_cut: measured.limb_cut,
         views: measured.views,
+        orbit,
         previews: measured.previews,
         light_field: measured.field,
         spectrum,
@@ -90,6 +107,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
 /// What every recovery starts from.
 struct Task<'a> {
     recipe: &'a Recipe,
+    capture: &'a Capture,
     measured: &'a Measured,
     /// Whether radiance is on its absolute scale.
     absolute: bool,
@@ -116,6 +134,8 @@ impl Task<'_> {
         let on_samples = lighting::predict(&estimate, &material, samples);
         let mut recovered = self.residuals(&on_grid, &on_samples);
         clock.lap("residual");
+        recovered.advice = advice::on_lighting(self.capture, self.measured, &material, &estimate);
+        clock.lap("advice");
         recovered.warnings = model.warnings();
         recovered.lighting = Some(estimate);
         self.progress.step();
@@ -129,7 +149,8 @@ impl Task<'_> {
         };
         self.progress.stage("BRDF", 2);
         let light = described.resolve(&samples.channels, &recipe.folder)?;
-        let estimate = brdf::recover(samples, &light, &material::options(&recipe.recovery)?)?;
+        let options = material::options(&recipe.recovery)?;
+        let estimate = brdf::recover_with(samples, &self.measured.systematics, &light, &options)?;
         clock.lap("BRDF");
         self.progress.step();
         let (models, note) = material::fit_models(&estimate, self.absolute);
@@ -140,6 +161,8 @@ impl Task<'_> {
         let on_samples = fit::predict(&light, &slice, samples)?;
         let mut recovered = self.residuals(&on_grid, &on_samples);
         clock.lap("residual");
+        recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
+        clock.lap("advice");
         recovered.warnings = estimate.warnings.clone();
         recovered.warnings.extend(note);
         recovered.brdf = Some(estimate);
@@ -157,7 +180,7 @@ impl Task<'_> {
         };
         let widened = joint::with_model_error(samples);
         let mut found = factorise::recover(&widened, &options)?;
-        let parametric = joint::parametric(&found, &widened, &options.scale)?;
+        let parametric = joint::parametric(&found, &widened, &options.scale);
         drop(widened);
         clock.lap("factorisation");
         self.progress.step();
@@ -183,6 +206,8 @@ impl Task<'_> {
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         clock.lap("residual");
         self.progress.step();
+        recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
+        clock.lap("advice");
         recovered.warnings = explain::factorisation_warnings(&found);
         recovered.warnings.extend(estimate.warnings.iter().cloned());
         recovered.warnings.extend(note);

@@ -11,7 +11,6 @@ use serde::{Deserialize, Serialize};
 use super::fit::FitQuality;
 use crate::angle::wrap;
 use crate::brdf::fit::FittedParameter;
-use crate::error::Result;
 use crate::fourier::Series;
 use crate::light_field::Samples;
 use crate::lighting::Lighting;
@@ -118,16 +117,13 @@ pub fn with_model_error(samples: &Samples) -> Samples {
     widened
 }
 
-/// Analytic models for the channels in which the free factorisation determines at most half of the frequencies that show
-/// in the light field, or did not settle.
-///
-/// # Errors
-/// If the scale is unusable.
+/// Analytic models for the channels in which the free factorisation determines less than two thirds of the frequencies that
+/// show in the light field, or did not settle; none where no model can be fitted.
 pub fn parametric(
     found: &Factorisation,
     samples: &Samples,
     scale: &Scale,
-) -> Result<Vec<Option<ParametricFactorisation>>> {
+) -> Vec<Option<ParametricFactorisation>> {
     found
         .channels
         .iter()
@@ -136,18 +132,18 @@ pub fn parametric(
             let known = (1..=channel.band)
                 .filter(|&p| channel.status[p] == Status::Determined)
                 .count();
-            if channel.converged && 2 * known > channel.visible_band {
-                return Ok(None);
+            if channel.converged && 3 * known >= 2 * channel.visible_band {
+                return None;
             }
-            let fits = factorise::parametric(samples, c, scale)?;
-            Ok(Some(ParametricFactorisation {
+            let fits = factorise::parametric(samples, c, scale).ok()?;
+            Some(ParametricFactorisation {
                 reason: format!(
                     "Without a model {known} of the {} frequencies of the light that show are determined.",
                     channel.visible_band
                 ),
                 best_by_aic: fits.best_by_aic,
                 fits: fits.fits.into_iter().map(model_summary).collect(),
-            }))
+            })
         })
         .collect()
 }

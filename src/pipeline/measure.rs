@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::lean::{Lean, LeaningView, Slant};
 use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
@@ -14,10 +15,10 @@ use crate::geometry::outline::{self, Outline, Search};
 use crate::geometry::{CameraModel, Pose, Settled, Side, ViewGeometry, settle};
 use crate::grid::Grid;
 use crate::light_field::{
-    Gathered, LightField, MeasuredLine, Samples, Systematic, ViewSample, automatic_limb_cut,
-    gather, grid,
+    Gathered, Jitter, LightField, MeasuredLine, Samples, Systematic, ViewSample,
+    automatic_limb_cut, gather, grid, jitter, runs_backwards,
 };
-use crate::radiance::{self, Radiance};
+use crate::radiance::{self, Developed, Radiance};
 
 /// Rows above and below the cross-section that the outline is searched in, pixels.
 const OUTLINE_ROWS: f64 = 48.0;
@@ -38,6 +39,8 @@ const LIMB_ERROR_PX: f64 = 0.03;
 /// of the object does.
 const ONE_SIDED_ERROR_PX: f64 = 1.0;
 const TWO_SIDED: f64 = 0.5;
+/// Change of an exposure time by the brackets (log) from which it is told.
+const TIME_CHANGE: f64 = 0.01;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
 const PREVIEWS: usize = 4;
@@ -49,6 +52,8 @@ pub struct Measured {
     pub samples: Samples,
     /// Errors of the geometry that all samples have in common.
     pub systematics: Vec<Systematic>,
+    /// Number of pixels behind each sample, \[column\]\[n\].
+    pub pixels: Vec<Vec<f32>>,
     /// The same on the grid, for people and files.
     pub field: LightField,
     /// |θo′| beyond which nothing was used, radians.
@@ -68,6 +73,8 @@ struct ReadView {
     channels: Vec<String>,
     outline: Outline,
     line: MeasuredLine,
+    slant: Option<Slant>,
+    exposures: Vec<radiance::Found>,
     preview: Option<Preview>,
 }
 
@@ -82,6 +89,8 @@ pub fn measure(
     footprint: f64,
     progress: &dyn Progress,
 ) -> Result<Measured> {
+    let (capture, response) = radiance::resolved(capture)?;
+    let capture = &capture;
     let camera = CameraModel::new(&capture.camera)?;
     let nominal = |view: usize| {
         ViewGeometry::new(
@@ -134,32 +143,72 @@ pub fn measure(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
         .collect();
-    let views: Vec<Vec<Vec<Option<ViewSample>>>> = read
-        .par_iter()
+    let leaning: Vec<LeaningView<'_>> = read
+        .iter()
         .zip(&geometries)
         .zip(&capture.views)
-        .map(|((read, geometry), view)| {
-            progress.step();
-            read.line
-                .samples(geometry, view.orbit, &locals, cells.local_step(), limb_cut)
+        .map(|((read, geometry), view)| LeaningView {
+            line: &read.line,
+            slant: read.slant.as_ref(),
+            geometry,
+            orbit: view.orbit,
         })
         .collect();
+    let lean = Lean::of(&settled, &leaning);
+    let sampled = |corrected: bool| -> Vec<Vec<Vec<Option<ViewSample>>>> {
+        leaning
+            .par_iter()
+            .enumerate()
+            .map(|(k, view)| {
+                let upright = lean
+                    .as_ref()
+                    .filter(|_| corrected)
+                    .and_then(|lean| lean.corrected(k, view));
+                let line = upright.as_ref().unwrap_or(view.line);
+                line.samples(
+                    view.geometry,
+                    view.orbit,
+                    &locals,
+                    cells.local_step(),
+                    limb_cut,
+                )
+            })
+            .collect()
+    };
+    let mut views = sampled(true);
     let outline_sigma: Vec<f64> = poses
         .iter()
         .map(|p| p.sigma_lateral / capture.object.radius)
         .collect();
+    let mut gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
+    let jitter = jitter(&gathered.samples, views.len());
+    if let Some(jitter) = &jitter {
+        steady(&mut views, jitter);
+        gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
+    }
     let Gathered {
         samples,
         pixels,
         slopes,
-    } = gather(channels, &locals, &views, &outline_sigma);
+    } = gathered;
     let field = grid(&samples, cells, &pixels);
     let two_sided = outlines
         .iter()
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
+    let mut seen = warnings(capture, &outlines, poses, &samples);
+    if let Some(lean) = &lean {
+        let mut uncorrected = sampled(false);
+        if let Some(jitter) = &jitter {
+            steady(&mut uncorrected, jitter);
+        }
+        let uncorrected = gather(channels, &locals, &uncorrected, &outline_sigma);
+        systematics.extend(lean.systematics(&samples, &uncorrected.samples));
+        let corrected = read.iter().filter(|v| v.slant.is_some()).count();
+        seen.push(lean.warning(corrected, read.len()));
+    }
     let records = (0..read.len())
         .map(|k| ViewRecord {
             orbit_deg: capture.views[k].orbit.deg(),
@@ -172,15 +221,33 @@ pub fn measure(
         })
         .collect();
     Ok(Measured {
-        warnings: warnings(capture, &outlines, poses, &samples),
+        warnings: [
+            response.iter().map(response_note).collect(),
+            exposure_warnings(capture, &read),
+            jitter.iter().map(|j| jitter_note(capture, j)).collect(),
+            seen,
+        ]
+        .concat(),
         samples,
         systematics,
+        pixels,
         field,
         limb_cut,
         reach,
         views: records,
         previews: read.into_iter().filter_map(|v| v.preview).collect(),
     })
+}
+
+/// Takes the views' exposure jitter out of their samples, \[view\]\[column\].
+fn steady(views: &mut [Vec<Vec<Option<ViewSample>>>], jitter: &Jitter) {
+    for (view, factor) in views.iter_mut().zip(&jitter.factor) {
+        for sample in view.iter_mut().flatten().flatten() {
+            sample.value /= factor;
+            sample.slope /= factor;
+            sample.variance /= factor * factor;
+        }
+    }
 }
 
 /// `count` indices spread evenly over 0 … n−1.
@@ -191,9 +258,13 @@ fn spread(n: usize, count: usize) -> Vec<usize> {
 }
 
 fn first_file(capture: &Capture, view: usize) -> String {
+    photo_file(capture, view, 0)
+}
+
+fn photo_file(capture: &Capture, view: usize, photo: usize) -> String {
     capture.views[view]
         .photos
-        .first()
+        .get(photo)
         .map_or_else(String::new, |p| p.file.display().to_string())
 }
 
@@ -226,6 +297,29 @@ fn find_outline(
     }
 }
 
+/// Some rows of a view as far as its masks let them be used, and the outline in them.
+fn photographed(
+    capture: &Capture,
+    camera: &CameraModel,
+    view: usize,
+    rows: Range<u32>,
+) -> Result<(Radiance, Outline, Vec<radiance::Found>)> {
+    let Developed {
+        radiance,
+        exposures,
+    } = radiance::develop(capture, view, rows)?;
+    let Some(masked) = radiance::masked(capture, view, &radiance)? else {
+        let outline = find_outline(capture, camera, view, &radiance)?;
+        return Ok((radiance, outline, exposures));
+    };
+    let mut outline = find_outline(capture, camera, view, &masked)?;
+    // A mask that follows the object hides its limb, which the photo itself may show.
+    if outline.sides() == [false, false] {
+        outline = find_outline(capture, camera, view, &radiance)?;
+    }
+    Ok((masked, outline, exposures))
+}
+
 fn read_view(
     capture: &Capture,
     camera: &CameraModel,
@@ -235,15 +329,21 @@ fn read_view(
 ) -> Result<ReadView> {
     let roll = capture.views[view].plane_roll;
     let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
-    let radiance = radiance::view(capture, view, rows_needed(capture, &nominal, reach))?;
-    let outline = find_outline(capture, camera, view, &radiance)?;
+    let rows = rows_needed(capture, &nominal, reach);
+    let (radiance, outline, exposures) = photographed(capture, camera, view, rows)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
+    let slant = match capture.object.shape {
+        Shape::Cylinder => Slant::read(&radiance, &geometry, &line),
+        Shape::Sphere => None,
+    };
     Ok(ReadView {
+        slant,
         preview: shown.then(|| preview(view, &radiance, &geometry, reach)),
         channels: radiance.channels,
         outline,
         line,
+        exposures,
     })
 }
 
@@ -265,8 +365,8 @@ fn choose_reach(capture: &Capture, camera: &CameraModel) -> Result<f64> {
             let roll = capture.views[view].plane_roll;
             let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
             let rows = rows_needed(capture, &nominal, widest);
-            let radiance = radiance::view(capture, view, rows).map_err(place)?;
-            let outline = find_outline(capture, camera, view, &radiance).map_err(place)?;
+            let (radiance, outline, _) =
+                photographed(capture, camera, view, rows).map_err(place)?;
             let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
             let lines: Vec<MeasuredLine> = candidates
                 .iter()
@@ -397,6 +497,71 @@ fn systematics(
     ]
 }
 
+/// How well the response was recovered from the brackets.
+fn response_note(found: &radiance::Recovery) -> String {
+    let curve = &found.curve;
+    let sigmas = curve.linear.iter().zip(&curve.sigma).flat_map(|(x, s)| {
+        let rows = x.len();
+        let middle = x.iter().zip(s).take(rows * 9 / 10).skip(rows / 10);
+        middle.map(|(x, s)| s / x)
+    });
+    let times = found.times.iter().map(|(_, factor)| factor.ln().abs());
+    format!(
+        "The camera's response was recovered from {} patches of the brackets (σ up to {:.1} % of the light over the middle 80 % of the codes; \
+         exposure times up to {:.1} % other than stated; misfit {:.1} times the noise); the scale between channels is that of a grey of the middle code.",
+        found.patches,
+        100.0 * sigmas.fold(0.0, f64::max),
+        100.0 * times.fold(0.0, f64::max),
+        found.misfit
+    )
+}
+
+/// How much the views' exposures were found to jitter.
+fn jitter_note(capture: &Capture, jitter: &Jitter) -> String {
+    let size = |v: &usize| jitter.factor.get(*v).map_or(0.0, |f| f.ln().abs());
+    let worst = (0..jitter.factor.len()).max_by(|a, b| size(a).total_cmp(&size(b)));
+    let (view, sigma) = worst.map_or((0, 0.0), |v| (v, jitter.sigma[v]));
+    format!(
+        "Exposure changes from view to view by {:.2} % (rms), the most in view {view} (\"{}\": {:+.2} ± {:.2} %); it was divided out. Changes as slow along the orbit as lighting cannot be told from lighting and are left.",
+        100.0 * jitter.rms(),
+        first_file(capture, view),
+        100.0 * (jitter.factor.get(view).copied().unwrap_or(1.0) - 1.0),
+        100.0 * sigma
+    )
+}
+
+/// What the brackets showed to be other than stated: photos moved against each other, exposure times.
+fn exposure_warnings(capture: &Capture, read: &[ReadView]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let mut worst: Option<(f64, usize, usize)> = None;
+    for (v, view) in read.iter().enumerate() {
+        for (p, found) in view.exposures.iter().enumerate() {
+            let [dx, dy] = found.shift.by;
+            if found.shift.by != [0.0; 2] {
+                let [sx, sy] = found.shift.sigma;
+                warnings.push(format!(
+                    "View {v}: \"{}\" lay ({dx:.2} ± {sx:.2}, {dy:.2} ± {sy:.2}) pixels off the view's other photos and was moved back.",
+                    photo_file(capture, v, p)
+                ));
+            }
+            let change = found.time_factor.ln();
+            if worst.is_none_or(|(largest, ..)| change.abs() > f64::abs(largest)) {
+                worst = Some((change, v, p));
+            }
+        }
+    }
+    if let Some((change, v, p)) = worst
+        && change.abs() > TIME_CHANGE
+    {
+        warnings.push(format!(
+            "The brackets show exposure times other than stated, and were merged with those; the most in view {v}: \"{}\" by {:+.1} %.",
+            photo_file(capture, v, p),
+            100.0 * change.exp_m1()
+        ));
+    }
+    warnings
+}
+
 fn warnings(
     capture: &Capture,
     outlines: &[Outline],
@@ -411,6 +576,12 @@ fn warnings(
     if unseen == outlines.len() {
         warnings.push(
             "No view shows the object's limb; the outline is the description's. A brighter or darker background lets it be found, or give it by hand with `outline`.".into(),
+        );
+    }
+    let orbits: Vec<_> = capture.views.iter().map(|view| view.orbit).collect();
+    if runs_backwards(samples, &orbits) {
+        warnings.push(
+            "The views fit together much better the other way round: turn the sign of orbit_deg (or orbit_step_deg). It counts counter-clockwise seen from above, in the frame of the light: turning the object or the light instead turns the sense.".into(),
         );
     }
     let radius = capture.object.radius;

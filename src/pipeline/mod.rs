@@ -1,12 +1,16 @@
 //! Recipes, the order of the stages, products and provenance.
 
+mod advice;
 mod brdf_products;
 mod execute;
 mod explain;
 mod fit;
 mod joint;
+mod lean;
 mod material;
 mod measure;
+mod orbit;
+mod orbit_errors;
 mod preview;
 mod products;
 mod progress;
@@ -20,6 +24,7 @@ pub use execute::{execute, input_hashes};
 pub use fit::FitQuality;
 pub use joint::ChannelGauge;
 pub use measure::{Measured, measure};
+pub use orbit::OrbitRefinement;
 pub use products::{Folder, Found, Product, products};
 pub use progress::{Progress, Silent};
 pub use recipe::{LightFieldOptions, Recipe, Recover, RecoveryOptions};

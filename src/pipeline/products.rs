@@ -213,6 +213,7 @@ fn summary(run: &Run) -> serde_json::Value {
         "recover": run.recover,
         "radiance_unit": run.radiance_unit,
         "views": run.views,
+        "orbit_refinement": run.orbit,
         "limb_cut_deg": run.limb_cut.to_degrees(),
         "channels": channels,
         "sources": run.lighting.as_ref().map_or(&[][..], |l| &l.sources),

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::fit::FitQuality;
 use super::joint::ChannelGauge;
+use super::orbit::OrbitRefinement;
 use crate::brdf::fit::BrdfModels;
 use crate::grid::Grid;
 use crate::light_field::{LightField, Part};
@@ -43,6 +44,8 @@ pub struct Recovered {
     pub gauge: Vec<ChannelGauge>,
     /// As in [`Run`].
     pub warnings: Vec<String>,
+    /// What to photograph next, a plain sentence; one of the findings.
+    pub advice: Option<String>,
 }
 
 /// The results of one run. Serialised without its images, which are products of their own.
@@ -66,6 +69,9 @@ pub struct Run {
     pub limb_cut: f64,
     /// What was found in each view.
     pub views: Vec<ViewRecord>,
+    /// How the orbit angles were refined; `None` if they are known exactly.
+    #[serde(default)]
+    pub orbit: Option<OrbitRefinement>,
     /// A few photos for the eye.
     pub previews: Vec<Preview>,
     /// The measured light field.

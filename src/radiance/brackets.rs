@@ -17,7 +17,12 @@ const TIME_ERROR: f64 = 0.03;
 const TIME_MISTAKE: f64 = 0.2;
 
 /// The least number of pixels that two exposures share before they are compared.
-const SHARED: usize = 64;
+const SHARED: f64 = 64.0;
+
+/// Mean square difference of two exposures, in units of the noise, up to which noise explains it; pixels that
+/// count as independent in what is beyond.
+const MISFIT: f64 = 1.3;
+const INDEPENDENT: f64 = 200.0;
 
 /// Pixels of similar brightness from which one variance is taken.
 const BIN: usize = 512;
@@ -100,22 +105,40 @@ fn log_ratio(
 ) -> Option<(f64, f64)> {
     let mut sums = [0.0; 2];
     let mut variances = [0.0; 2];
-    let mut count = 0;
+    // Products of what both show, weighted by the noise: what no common ratio explains.
+    let (mut ss, mut sl, mut ll) = (0.0, 0.0, 0.0);
+    let mut count = 0_u32;
     for (plane, expected) in planes.iter().zip(expected) {
         for (_, measured, variance) in shared(plane, expected, short, long) {
             count += 1;
-            for (k, m) in measured.into_iter().enumerate() {
-                sums[k] += m.signal / m.reach;
-                variances[k] += variance[k] / (m.reach * m.reach);
+            let shown = measured.map(|m| m.signal / m.reach);
+            let noise = [0, 1].map(|k: usize| variance[k] / measured[k].reach.powi(2));
+            for k in 0..2 {
+                sums[k] += shown[k];
+                variances[k] += noise[k];
             }
+            let weight = 1.0 / (noise[0] + noise[1]).max(f64::MIN_POSITIVE);
+            ss += weight * shown[0] * shown[0];
+            sl += weight * shown[0] * shown[1];
+            ll += weight * shown[1] * shown[1];
         }
     }
-    if count < SHARED || sums[0] <= 0.0 || sums[1] <= 0.0 {
+    if f64::from(count) < SHARED || sums[0] <= 0.0 || sums[1] <= 0.0 {
         return None;
     }
     let variance = variances[0] / (sums[0] * sums[0]) + variances[1] / (sums[1] * sums[1]);
+    let ratio = sums[1] / sums[0];
+    let misfit = (ll - 2.0 * ratio * sl + ratio * ratio * ss) / f64::from(count);
+    // Where a curve is a little wrong or something moved, neighbours err together; where the noise is not
+    // known, all of the difference may be that.
+    let together = 1.0 + f64::from(count) / INDEPENDENT;
+    let excess = match planes.iter().all(|plane| plane.noise.is_some()) {
+        true => 1.0 + (misfit - MISFIT).max(0.0) * together,
+        false => misfit.max(1.0) * together,
+    };
+    let variance = variance * excess;
     // Nothing about a camera is stable to better than a part in ten thousand.
-    Some(((sums[1] / sums[0]).ln(), (variance + 1e-8).sqrt()))
+    Some((ratio.ln(), (variance + 1e-8).sqrt()))
 }
 
 /// Pixels that two exposures both show well, by their expected signal: their index, measurements

@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::photo::{self, Photo, Storage};
 
 /// The signal of one photo's rows.
+#[derive(Clone)]
 pub(super) struct Exposure {
     /// Exposure time, seconds.
     pub seconds: f64,
@@ -19,6 +20,8 @@ pub(super) struct Exposure {
     pub storage: Storage,
     /// Signal, \[channel\]\[pixel\]; NaN where it is clipped or absent.
     pub signal: Vec<Vec<f32>>,
+    /// Which pixels are sites of the channel's filter, \[channel\]\[pixel\]; `None`: all of all channels.
+    pub sites: Option<Vec<Vec<bool>>>,
     /// Variance of the signal by rounding, \[channel\]\[pixel\].
     pub rounding: Vec<Vec<f32>>,
     /// Levels by channel.
@@ -65,10 +68,20 @@ impl Exposure {
     ) -> Result<Self> {
         let storage = photo.storage;
         let mut signal = photo.values;
+        let sites = match storage {
+            Storage::Sensor { .. } if signal.iter().flatten().any(|v| v.is_nan()) => Some(
+                signal
+                    .iter()
+                    .map(|plane| plane.iter().map(|v| !v.is_nan()).collect())
+                    .collect(),
+            ),
+            _ => None,
+        };
         let brightest = match storage {
             Storage::SharedExponent => Some(brightest(&signal)),
             _ => None,
         };
+        let (channels, width) = (signal.len(), photo.size[0] as usize);
         let mut rounding_variance = Vec::with_capacity(signal.len());
         let mut levels = Vec::with_capacity(signal.len());
         let step = code_step(&signal, storage);
@@ -110,6 +123,10 @@ impl Exposure {
                     *variance = stored_variance * slope * slope;
                 }
             }
+            // A colour between the sites of its filter was made from its neighbours, clipped ones too.
+            if channels > 1 && matches!(storage, Storage::Integer { .. }) {
+                drop_neighbours(plane, &mut variance, width);
+            }
             rounding_variance.push(variance);
             levels.push(level);
         }
@@ -118,10 +135,35 @@ impl Exposure {
             channels: photo.channels,
             storage,
             signal,
+            sites,
             rounding: rounding_variance,
             levels,
             response,
         })
+    }
+}
+
+/// Makes the eight neighbours of each missing pixel missing.
+fn drop_neighbours(plane: &mut [f32], variance: &mut [f32], width: usize) {
+    let width = width.max(1);
+    let missing: Vec<usize> = plane
+        .iter()
+        .enumerate()
+        .filter_map(|(i, v)| v.is_nan().then_some(i))
+        .collect();
+    for at in missing {
+        let x = at % width;
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let row = at / width;
+        for y in row.saturating_sub(1)..row + 2 {
+            let cells = y * width + columns.start..y * width + columns.end;
+            if let (Some(values), Some(variances)) =
+                (plane.get_mut(cells.clone()), variance.get_mut(cells))
+            {
+                values.fill(f32::NAN);
+                variances.fill(f32::INFINITY);
+            }
+        }
     }
 }
 
@@ -160,7 +202,7 @@ fn brightest(planes: &[Vec<f32>]) -> Vec<f32> {
 /// towards 0, but sums and resampling before the file was written were rounded at the picture's own
 /// scale: no pixel is known better than the steps at a thousandth of the brightest.
 fn least_rounding(plane: &[f32], storage: Storage) -> f32 {
-    if let Storage::Integer { .. } = storage {
+    if let Storage::Integer { .. } | Storage::Sensor { .. } = storage {
         return 0.0;
     }
     let finite = plane.iter().filter(|v| v.is_finite());

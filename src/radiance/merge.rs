@@ -8,15 +8,19 @@
 //! on each pixel's own estimate; the neighbours' help removes the bias that is left by it.)
 
 use std::ops::Range;
+use std::path::Path;
 
 use super::Radiance;
+use super::align;
 use super::brackets;
 use super::calibration;
 use super::exposure::Exposure;
-use super::motion;
+use super::filters;
+use super::motion::{self, Shift};
 use super::noise::Noise;
+use super::recovery;
 use super::smooth;
-use crate::capture::{Capture, View};
+use crate::capture::{Capture, Encoding, View};
 use crate::error::{Error, Result};
 
 /// How far, in standard deviations, a pixel's expected signal stays away from where it would be
@@ -24,27 +28,61 @@ use crate::error::{Error, Result};
 /// 0.004σ).
 const CLIP_MARGIN: f64 = 3.0;
 
+/// Radiance and variance of one channel, \[pixel\].
+pub(super) type Plane = (Vec<f32>, Vec<f32>);
+
+/// A view's radiance and what was found out about its exposures on the way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Developed {
+    /// The radiance.
+    pub radiance: Radiance,
+    /// By photo, in the view's order.
+    pub exposures: Vec<Found>,
+}
+
+/// What a view's brackets say of one of its exposures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    /// By what the stated exposure time was multiplied; the mean logarithm of a view is 0.
+    pub time_factor: f64,
+    /// How the photo lay against the view's other photos before it was moved back.
+    pub shift: Shift,
+}
+
+/// Linear radiance of some rows of a view, from all its exposures; see [`develop`].
+///
+/// # Errors
+/// As [`develop`].
+pub fn view(capture: &Capture, index: usize, rows: Range<u32>) -> Result<Radiance> {
+    Ok(develop(capture, index, rows)?.radiance)
+}
+
 /// Linear radiance of some rows of a view, from all its exposures.
 ///
 /// Reads each photo's rows, linearises them, solves for small errors of the stated exposure times,
-/// estimates the noise from the brackets if the capture does not state it, and merges. A pixel
-/// that is clipped or absent in all photos has an infinite variance and the value 0.
+/// estimates the noise from the brackets if the capture does not state it, moves exposures back that
+/// are shifted, and merges. A pixel that is clipped or absent in all photos has an infinite variance
+/// and the value 0.
 ///
 /// # Errors
-/// There is no such view; a photo cannot be read or differs from the others in size, channels or
+/// There is no such view; the response is to be recovered and cannot be; a photo cannot be read or differs from the others in size, channels or
 /// storage; the sensor's description is incomplete; the exposure times contradict the pixels; the
-/// camera moved between exposures.
-pub fn view(capture: &Capture, index: usize, rows: Range<u32>) -> Result<Radiance> {
+/// camera moved between exposures by more than can be made good.
+pub fn develop(capture: &Capture, index: usize, rows: Range<u32>) -> Result<Developed> {
     let view = capture.views.get(index).ok_or_else(|| {
         Error::input(format!(
             "expected one of {} views, found the number {index}",
             capture.views.len()
         ))
     })?;
+    if let Some(Encoding::Recover(None)) = capture.sensor.encoding {
+        let (capture, _) = recovery::resolved(capture)?;
+        return develop(&capture, index, rows);
+    }
     of_view(capture, view, rows).map_err(|error| error.view(index))
 }
 
-fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Radiance> {
+fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed> {
     let mut exposures = Vec::with_capacity(view.photos.len());
     for photo in &view.photos {
         exposures.push(Exposure::read(capture, photo, &rows)?);
@@ -72,14 +110,12 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Radiance>
         first.storage,
         &first.response,
     )?;
-    let width = capture.camera.image_size[0] as usize;
     let files: Vec<_> = view
         .photos
         .iter()
         .map(|photo| photo.file.as_path())
         .collect();
-
-    let mut planes: Vec<Bracket<'_>> = (0..channels.len())
+    let stated: Vec<Bracket<'_>> = (0..channels.len())
         .map(|channel| Bracket {
             exposures: &exposures,
             channel,
@@ -89,41 +125,91 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Radiance>
                 .and_then(|i| i.get(channel))
                 .map(Vec::as_slice),
             noise: first.levels.get(channel).and_then(|l| l.noise),
-            width,
+            width: capture.camera.image_size[0] as usize,
         })
         .collect();
-    if exposures.len() > 1 {
-        let factors = brackets::time_factors(&planes, &files)?;
-        for plane in &mut planes {
-            for (seconds, factor) in plane.seconds.iter_mut().zip(&factors) {
-                *seconds *= factor;
-            }
-            if plane.noise.is_none() {
-                plane.noise = brackets::noise(plane);
-            }
+
+    let aligned: Vec<Exposure>;
+    let (mut planes, mut factors) = solved(&stated, &exposures, &files)?;
+    let shifts = if exposures.len() > 1 {
+        motion::between(&exposures, &planes, &files)?
+    } else {
+        None
+    };
+    if let Some(shifts) = &shifts {
+        if exposures.iter().any(|e| e.sites.is_some()) {
+            return Err(motion::at_sites(shifts, &files));
         }
+        let by: Vec<[f64; 2]> = shifts.iter().map(|shift| shift.by).collect();
+        aligned = align::aligned(&exposures, &by, &planes);
+        // Times and noise that were found on moved pictures are found again.
+        (planes, factors) = solved(&stated, &aligned, &files)?;
     }
     let noise_known = planes.iter().all(|plane| plane.noise.is_some());
-    let (value, variance) = match exposures.as_slice() {
-        [only] if !noise_known => planes.iter().map(|plane| plane.scale(only)).unzip(),
-        _ => {
-            let expected: Vec<Vec<f32>> = planes.iter().map(Bracket::expected).collect();
-            motion::check(&planes, &expected, &files)?;
-            planes
-                .iter()
-                .zip(&expected)
-                .map(|(plane, expected)| plane.merge(expected))
-                .unzip()
-        }
+    let mut merged: Vec<Plane> = match exposures.as_slice() {
+        [only] if !noise_known => planes.iter().map(|plane| plane.scale(only)).collect(),
+        _ => planes
+            .iter()
+            .map(|plane| plane.merge(&plane.expected()))
+            .collect(),
     };
-    Ok(Radiance {
-        size: capture.camera.image_size,
-        rows,
-        channels,
-        value,
-        variance,
-        noise_known,
+    if let Some(sites) = exposures.first().and_then(|e| e.sites.as_ref()) {
+        let width = capture.camera.image_size[0] as usize;
+        for (plane, sites) in merged.iter_mut().zip(sites) {
+            filters::fill(plane, sites, width);
+        }
+    }
+    let (value, variance) = merged.into_iter().unzip();
+    let shifts = shifts.unwrap_or_else(|| vec![Shift::default(); exposures.len()]);
+    Ok(Developed {
+        radiance: Radiance {
+            size: capture.camera.image_size,
+            rows,
+            channels,
+            value,
+            variance,
+            noise_known,
+        },
+        exposures: factors
+            .into_iter()
+            .zip(shifts)
+            .map(|(time_factor, shift)| Found { time_factor, shift })
+            .collect(),
     })
+}
+
+/// The planes of some exposures with their times corrected and their noise estimated where `stated` has
+/// none, and the factors of the times.
+fn solved<'a>(
+    stated: &[Bracket<'a>],
+    exposures: &'a [Exposure],
+    files: &[&Path],
+) -> Result<(Vec<Bracket<'a>>, Vec<f64>)> {
+    let mut planes = brackets_of(exposures, stated);
+    if exposures.len() < 2 {
+        return Ok((planes, vec![1.0; exposures.len()]));
+    }
+    let factors = brackets::time_factors(&planes, files)?;
+    for plane in &mut planes {
+        for (seconds, factor) in plane.seconds.iter_mut().zip(&factors) {
+            *seconds *= factor;
+        }
+        if plane.noise.is_none() {
+            plane.noise = brackets::noise(plane);
+        }
+    }
+    Ok((planes, factors))
+}
+
+/// The planes of other exposures that are described as `like`.
+pub(super) fn brackets_of<'a>(exposures: &'a [Exposure], like: &[Bracket<'a>]) -> Vec<Bracket<'a>> {
+    like.iter()
+        .map(|plane| Bracket {
+            exposures,
+            seconds: plane.seconds.clone(),
+            ..*plane
+        })
+        .collect()
 }
 
 /// One channel of all exposures of a view.
@@ -159,6 +245,23 @@ impl Bracket<'_> {
             .first()
             .and_then(|e| e.signal.get(self.channel))
             .map_or(0, Vec::len)
+    }
+
+    /// Signal per unit of radiance of one exposure, by pixel.
+    pub(super) fn reaches(&self, exposure: usize) -> Vec<f64> {
+        let seconds = self.seconds.get(exposure).copied().unwrap_or(f64::NAN);
+        let levels = self.exposures.get(exposure).map(|e| &e.levels);
+        let scale = levels
+            .and_then(|l| l.get(self.channel))
+            .map_or(f64::NAN, |l| l.scale);
+        (0..self.pixels())
+            .map(|i| {
+                let light = self
+                    .illumination
+                    .map_or(1.0, |f| f.get(i).map_or(f64::NAN, |&f| f64::from(f)));
+                light * seconds * scale
+            })
+            .collect()
     }
 
     /// The unclipped measurements of a pixel.

@@ -11,12 +11,19 @@
 //!
 //! where L is the radiance and r the responsivity; without one, L is in units of s per second.
 
+mod align;
 mod brackets;
 mod calibration;
+mod curve;
 mod exposure;
+mod filters;
+mod mask;
 mod merge;
 mod motion;
 mod noise;
+mod recovery;
+#[cfg(test)]
+mod recovery_tests;
 mod response;
 mod smooth;
 #[cfg(test)]
@@ -24,8 +31,11 @@ mod tests;
 
 use std::ops::Range;
 
-pub use merge::view;
+pub use mask::masked;
+pub use merge::{Developed, Found, develop, view};
+pub use motion::Shift;
 pub use noise::Noise;
+pub use recovery::{Recovery, recover, resolved};
 pub use response::Response;
 
 /// Linear radiance of some rows of one view.

@@ -52,17 +52,26 @@ impl Levels {
         let linear = |stored: f64| response.decode(stored, channel, storage).0;
         let (highest, lowest) = match storage {
             Storage::Integer { max } => (f64::from(max), linear(0.0)),
+            Storage::Sensor { white, black } => (f64::from(white), -f64::from(black)),
             Storage::Half => (65504.0, f64::NEG_INFINITY),
             Storage::Float | Storage::SharedExponent => (f64::INFINITY, f64::NEG_INFINITY),
         };
-        let black = sensor.black_level.map_or_else(|| linear(0.0), linear);
-        let white_stored = sensor.white_level.unwrap_or(highest);
+        // Levels are stated in the sensor's codes, of which the file's own black was taken.
+        let taken = match storage {
+            Storage::Sensor { black, .. } => f64::from(black),
+            _ => 0.0,
+        };
+        let black = sensor
+            .black_level
+            .map_or_else(|| linear(0.0), |level| linear(level - taken));
+        let white_stored = sensor.white_level.map_or(highest, |level| level - taken);
         let white = if white_stored.is_finite() {
             linear(white_stored) - black
         } else {
             f64::INFINITY
         };
-        let stated = sensor.white_level.is_some() || matches!(storage, Storage::Integer { .. });
+        let stated = sensor.white_level.is_some()
+            || matches!(storage, Storage::Integer { .. } | Storage::Sensor { .. });
         let electrons = match sensor.full_well_e {
             Some(full_well) if stated && white > 0.0 => Some(full_well / white),
             Some(_) => {

@@ -43,6 +43,15 @@ impl Response {
             Encoding::Srgb => Self::Srgb,
             Encoding::Gamma(gamma) => Self::Gamma(*gamma),
             Encoding::Response(file) => Self::read(&folder.join(file))?,
+            Encoding::Recover(Some(curve)) => Self::Table {
+                stored: curve.stored.clone(),
+                linear: curve.linear.clone(),
+            },
+            Encoding::Recover(None) => {
+                return Err(Error::failed(
+                    "the response was not recovered before the photos were read",
+                ));
+            }
         })
     }
 
@@ -115,6 +124,7 @@ impl Response {
     pub fn decode(&self, stored: f64, channel: usize, storage: Storage) -> (f64, f64) {
         let scale = match storage {
             Storage::Integer { max } => f64::from(max),
+            Storage::Sensor { white, .. } => f64::from(white),
             Storage::Half | Storage::Float | Storage::SharedExponent => 1.0,
         };
         match self {
@@ -165,7 +175,7 @@ pub fn rounding(stored: f32, storage: Storage) -> f32 {
         f32::from_bits(((exponent - fraction + 127).max(0) as u32) << 23)
     };
     let step = match storage {
-        Storage::Integer { .. } => 1.0,
+        Storage::Integer { .. } | Storage::Sensor { .. } => 1.0,
         Storage::Half => step(-14, 10),
         Storage::Float => step(-103, 23),
         // The brightest channel's mantissa has 8 bits, 128 to 255.

@@ -77,6 +77,10 @@ fn weight(variance: f64) -> f64 {
     }
 }
 
+/// Samples that the sums of an irregular column take side by side, so that their recurrences do not wait for each
+/// other.
+const LANES: usize = 8;
+
 /// Σ_i value_i e^{−idα_i} for 0 ≤ d ≤ order: an FFT on a regular circle, else by recurrence.
 fn exponential_sums(column: &Column, values: &[f64], order: usize) -> Vec<Complex64> {
     if let Some(n) = column.regular()
@@ -86,15 +90,28 @@ fn exponential_sums(column: &Column, values: &[f64], order: usize) -> Vec<Comple
         return CircleTransform::new(n, start).sum(values, order);
     }
     let mut sums = vec![Complex64::ZERO; order + 1];
-    for (&alpha, &value) in column.alpha.iter().zip(values) {
-        if value == 0.0 {
-            continue;
+    let present: Vec<(f64, f64)> = column
+        .alpha
+        .iter()
+        .zip(values)
+        .filter(|(_, value)| **value != 0.0)
+        .map(|(&alpha, &value)| (alpha, value))
+        .collect();
+    for block in present.chunks(LANES) {
+        // Real and imaginary parts apart: lanes of plain numbers are what processors are fast at.
+        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+        let (mut cosine, mut sine) = ([0.0; LANES], [0.0; LANES]);
+        for (lane, &(alpha, value)) in block.iter().enumerate() {
+            re[lane] = value;
+            (sine[lane], cosine[lane]) = (-alpha).sin_cos();
         }
-        let step = Complex64::cis(-alpha);
-        let mut turn = Complex64::new(value, 0.0);
         for s in &mut sums {
-            *s += turn;
-            turn *= step;
+            *s += Complex64::new(re.iter().sum(), im.iter().sum());
+            for lane in 0..LANES {
+                let turned = re[lane] * cosine[lane] - im[lane] * sine[lane];
+                im[lane] = re[lane] * sine[lane] + im[lane] * cosine[lane];
+                re[lane] = turned;
+            }
         }
     }
     sums

@@ -11,10 +11,12 @@
 
 mod check;
 mod file;
+mod integrals;
 mod offers;
 mod peaks;
 mod plan;
 mod strip;
+mod viewpoint;
 mod ways;
 
 use rayon::prelude::*;
@@ -28,8 +30,11 @@ use crate::grid::Grid;
 use crate::lighting::Lighting;
 
 pub use check::Checked;
+use integrals::bends;
+use offers::Task;
 use peaks::Stretch;
 pub use plan::{Choice, ColumnPlan, Considered, Path, Prediction, Ways};
+pub use viewpoint::{Stage, Viewpoint};
 
 /// What is asked of a prefiltering.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,10 +95,29 @@ pub fn prefilter(
             options.tolerance, grid.normals, grid.locals
         )));
     }
-    let plan = plan::plan(lighting, material, grid, options)?;
+    // The columns' own spectra may ask for more than was predicted from those at other angles.
+    let mut planned = *options;
+    for _ in 0..3 {
+        let plan = plan::plan(lighting, material, grid, &planned)?;
+        let made = carry_out(plan, lighting, material, grid, options);
+        let most = options.tolerance * (1.0 + 1e-9);
+        if made.choices.iter().all(|c| c.bound <= most) {
+            return Ok(made);
+        }
+        planned.tolerance *= 0.5;
+    }
+    Err(plan::not_kept(options.tolerance))
+}
+
+fn carry_out(
+    plan: plan::Plan,
+    lighting: &Lighting,
+    material: &Material,
+    grid: Grid,
+    options: &Options,
+) -> Prefiltered {
     let transform = CircleTransform::new(grid.normals, grid.normal(0).rad());
-    let field = |part: &(dyn Fn(usize) -> Vec<f64> + Sync)| -> Vec<f64> {
-        let columns: Vec<Vec<f64>> = (0..grid.locals).into_par_iter().map(part).collect();
+    let rows = |columns: &[Vec<f64>]| -> Vec<f64> {
         let mut cells = Vec::with_capacity(grid.len());
         for i in 0..grid.normals {
             cells.extend(columns.iter().map(|column| column[i]));
@@ -102,46 +126,51 @@ pub fn prefilter(
     };
     let mut smooth = Vec::new();
     let mut value = Vec::new();
-    for (c, brdf) in material.brdfs.iter().enumerate() {
-        let columns = &plan.choices[c].columns;
-        let light = &plan.spectra[c];
-        let smooth_part =
-            field(&|j| ways::column(&plan.rest, c, light, brdf.as_ref(), &columns[j], &transform));
-        let direct_part = field(&|j| {
-            let local = grid.local(j);
-            (0..grid.normals)
-                .map(|i| {
-                    direct_value(
-                        &plan.stretches,
-                        lighting,
-                        c,
-                        brdf.as_ref(),
-                        grid.normal(i),
-                        local,
-                    )
-                })
-                .collect()
-        });
-        value.push(
-            smooth_part
-                .iter()
-                .zip(&direct_part)
-                .map(|(a, b)| a + b)
-                .collect(),
-        );
+    let mut choices = plan.choices;
+    for ((c, brdf), choice) in material.brdfs.iter().enumerate().zip(&mut choices) {
+        let task = Task {
+            rest: &plan.rest,
+            channel: c,
+            light: &plan.spectra[c],
+            brdf: brdf.as_ref(),
+            allowed: options.tolerance * choice.level,
+        };
+        let bends = bends(plan.rest.table.get(c).map_or(&[], Vec::as_slice));
+        let (columns, plans): (Vec<Vec<f64>>, Vec<ColumnPlan>) = plan.columns[c]
+            .par_iter()
+            .map(|column| ways::column(&task, column, &bends, &transform))
+            .unzip();
+        let bound = plans.iter().fold(0.0f64, |m, p| m.max(p.bound));
+        if choice.level > 0.0 {
+            choice.bound = bound / choice.level;
+        }
+        choice.columns = plans;
+        let direct: Vec<Vec<f64>> = (0..grid.locals)
+            .into_par_iter()
+            .map(|j| {
+                let at = |i| {
+                    let (normal, local) = (grid.normal(i), grid.local(j));
+                    direct_value(&plan.stretches, lighting, c, brdf.as_ref(), normal, local)
+                };
+                (0..grid.normals).map(at).collect()
+            })
+            .collect();
+        let (smooth_part, direct_part) = (rows(&columns), rows(&direct));
+        let both = smooth_part.iter().zip(&direct_part);
+        value.push(both.map(|(a, b)| a + b).collect());
         smooth.push(smooth_part);
     }
-    Ok(Prefiltered {
+    Prefiltered {
         grid,
         channels: lighting.channels.clone(),
         value,
-        choices: plan.choices,
+        choices,
         considered: plan.considered,
         smooth,
         stretches: plan.stretches,
         lighting: lighting.clone(),
         material: material.clone(),
-    })
+    }
 }
 
 /// Sources and peaks through the BRDF, and the whole light in the mirror.
@@ -154,8 +183,11 @@ fn direct_value(
     local: LocalAngle,
 ) -> f64 {
     let mut sum = from_sources(lighting, channel, brdf, normal, local);
-    for stretch in stretches {
-        sum += stretch.reflected(channel, brdf, normal, local);
+    if !stretches.is_empty() {
+        let kinks = brdf.kinks(local);
+        for stretch in stretches {
+            sum += stretch.reflected(channel, brdf, normal, local, &kinks);
+        }
     }
     let mirror = brdf.mirror(local);
     if mirror != 0.0 {

@@ -7,7 +7,7 @@
 mod equation;
 mod figure;
 mod methods;
-mod number;
+pub mod number;
 pub mod paper;
 mod plot;
 mod results;

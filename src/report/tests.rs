@@ -98,6 +98,7 @@ fn sun_run() -> Run {
         radiance_unit: "W m⁻² sr⁻¹".to_owned(),
         limb_cut,
         views: views(),
+        orbit: None,
         previews: previews(),
         spectrum: spectrum(),
         residual: Some(residual),

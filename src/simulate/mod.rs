@@ -11,6 +11,7 @@ mod blemish;
 mod body;
 mod chart;
 mod draw;
+mod panels;
 mod plan;
 mod recipe;
 mod render;

@@ -305,7 +305,7 @@ fn sensor(section: &Section<'_>, folder: &Path) -> Sensor {
         }
     }
     let sensor = file::sensor(section, folder);
-    if let Some(Encoding::Response(_)) = sensor.encoding {
+    if let Some(Encoding::Response(_) | Encoding::Recover(_)) = sensor.encoding {
         let what = "expected linear, srgb or gamma: tables of a response are read, not written";
         section.fault("encoding", what, None);
     }

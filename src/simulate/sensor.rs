@@ -190,7 +190,7 @@ fn range(format: PhotoFormat) -> f64 {
 fn decode(encoding: &Encoding, stored: f64, format: PhotoFormat) -> f64 {
     let v = stored / range(format);
     match encoding {
-        Encoding::Linear | Encoding::Response(_) => stored,
+        Encoding::Linear | Encoding::Response(_) | Encoding::Recover(_) => stored,
         Encoding::Srgb if v <= 0.040_45 => v / 12.92,
         Encoding::Srgb => ((v + 0.055) / 1.055).powf(2.4),
         Encoding::Gamma(gamma) => v.max(0.0).powf(*gamma),
@@ -200,7 +200,7 @@ fn decode(encoding: &Encoding, stored: f64, format: PhotoFormat) -> f64 {
 /// The inverse of [`decode`].
 fn encode(encoding: &Encoding, linear: f64, format: PhotoFormat) -> f64 {
     let v = match encoding {
-        Encoding::Linear | Encoding::Response(_) => return linear,
+        Encoding::Linear | Encoding::Response(_) | Encoding::Recover(_) => return linear,
         Encoding::Srgb if linear <= 0.003_130_8 => 12.92 * linear,
         Encoding::Srgb => 1.055 * linear.powf(1.0 / 2.4) - 0.055,
         Encoding::Gamma(gamma) => linear.max(0.0).powf(1.0 / gamma),

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use super::body::Hit;
+use super::panels;
 use crate::angle::{LocalAngle, WorldAngle, wrap};
 use crate::brdf::{Brdf, Family, Isotropic, Model, Pair};
 use crate::error::{Error, Result};
@@ -145,27 +146,14 @@ impl Shader {
             .min_by(|a, b| a.lobe_width().total_cmp(&b.lobe_width()))
     }
 
-    /// Angles (radians) between nodes, within the light's plane and out of it, at which [`Shader::add_smooth`] has to
-    /// be known for six-point interpolation to 1e-5. Along the plane what is reflected is as smooth as
-    /// the smoother of light and lobe, out of it as the lobe; the mirror direction turns twice as fast as
-    /// the normal. Six points at a spacing h err by 5/1024 (κh)⁶ on a wave of frequency κ, and by
-    /// 3.5 (h/d)⁶ at a distance d from a pole.
-    pub(super) fn spacing(&self) -> [f64; 2] {
+    /// Sizes (radians), within the light's plane and out of it, of regions in which [`Shader::add_smooth`] can have no detail
+    /// that eight nodes would not notice. Along the plane what is reflected is as smooth as the
+    /// smoother of light and lobe, out of it as the lobe; the mirror direction turns twice as fast as the normal.
+    pub(super) fn detail(&self) -> [f64; 2] {
         let order = self.smooth.iter().map(Density::order).max().unwrap_or(0);
-        let by_light = 0.18 / order.max(1) as f64;
-        let Some(brdf) = self.sharpest() else {
-            return [PI / 96.0; 2];
-        };
-        // An edge of the light that crosses the horizon leaves a jump of the second derivative, of which
-        // interpolation misses about h²/20.
-        let edges = self.smooth.iter().any(|d| !d.kinks.is_empty());
-        let widest = if edges { PI / 512.0 } else { PI / 96.0 };
-        let by_lobe = 0.06 * brdf.lobe_width();
-        [by_light.max(by_lobe), by_lobe].map(|spacing| {
-            spacing
-                .min(0.12 * brdf.grazing_width())
-                .clamp(PI / 2048.0, widest)
-        })
+        let by_light = 4.0 / order.max(1) as f64;
+        let by_lobe = self.sharpest().map_or(PI, |b| 2.0 * b.lobe_width());
+        [by_light.max(by_lobe), by_lobe].map(|size| size.clamp(PI / 256.0, PI / 8.0))
     }
 
     /// Adds what the sources (and, in a mirror, the smooth light) send to the camera, W m⁻² sr⁻¹ per
@@ -205,10 +193,29 @@ impl Shader {
             .map(|d| d.series_order)
             .max()
             .unwrap_or(0);
-        let kinks = self.smooth.iter().flat_map(|d| &d.kinks);
-        let breaks = kinks.map(|theta| wrap(theta - normal));
+        let mut breaks: Vec<f64> = self
+            .smooth
+            .iter()
+            .flat_map(|d| &d.kinks)
+            .map(|theta| wrap(theta - normal))
+            .collect();
+        if self.is_spatial() {
+            let (behind, length) = plane.angle(-hit.view);
+            let out = (1.0 - length * length).max(0.0).sqrt();
+            breaks.extend(panels::grazing(wrap(behind - normal), out));
+            if !sharpest.kinks(local).is_empty() {
+                let toward = |angle: f64| plane.toward(normal + angle);
+                breaks.extend(panels::kinks(hit.normal, hit.view, toward));
+            }
+        }
         let ends = panel_ends(sharpest, local, order, breaks);
-        for_each_node(&ends, |angle, weight| {
+        self.integrate(hit, plane, &ends, out);
+    }
+
+    /// Adds the integral over the panels between `ends`, angles from the normal's projection on the plane.
+    fn integrate(&self, hit: &Hit, plane: &Plane, ends: &[f64], out: &mut [f64]) {
+        let (normal, _) = plane.angle(hit.normal);
+        for_each_node(ends, |angle, weight| {
             let theta = normal + angle;
             self.for_rho(hit, plane, plane.toward(theta), theta, |c, rho_cos| {
                 if let (Some(out), Some(light)) = (out.get_mut(c), self.smooth.get(c)) {
@@ -216,6 +223,24 @@ impl Shader {
                 }
             });
         });
+    }
+
+    /// [`Shader::add_smooth`] by panels so many and so small towards the horizon and the lobe that nothing needs to be known
+    /// about the surface.
+    #[cfg(test)]
+    pub(super) fn add_smooth_slowly(&self, hit: &Hit, plane: &Plane, out: &mut [f64]) {
+        let (normal, _) = plane.angle(hit.normal);
+        let local = wrap(plane.angle(hit.view).0 - normal);
+        let mut ends: Vec<f64> = (-200..=200).map(|k| f64::from(k) * PI / 400.0).collect();
+        for k in 0..40 {
+            let d = 0.7f64.powi(k);
+            ends.extend([FRAC_PI_2 - d, d - FRAC_PI_2, d - local, -d - local]);
+        }
+        let kinks = self.smooth.iter().flat_map(|d| &d.kinks);
+        ends.extend(kinks.map(|theta| wrap(theta - normal)));
+        ends.retain(|end| end.abs() <= FRAC_PI_2);
+        ends.sort_by(f64::total_cmp);
+        self.integrate(hit, plane, &ends, out);
     }
 
     /// Calls `visit(channel, ρ · cosine)` for light from `light`, whose angle in the plane is `theta`.

@@ -165,6 +165,8 @@ pub(super) struct Edge {
     pub sigma_model: f64,
     /// Brightness just inside minus background, in its own standard deviations.
     pub contrast: f64,
+    /// χ² of the fit.
+    pub chi2: f64,
 }
 
 struct Sample {
@@ -173,9 +175,59 @@ struct Sample {
     weight: f64,
 }
 
+/// Blurs that are tried, pixels (standard deviation), and the part of χ² that blur must explain to be believed.
+const BLURS: [f64; 7] = [0.4, 0.6, 0.8, 1.1, 1.5, 2.0, 2.8];
+const BLUR_GAIN: f64 = 0.3;
+/// Nodes of the blur's quadrature, half a standard deviation apart.
+const BLUR_NODES: i32 = 6;
+
+/// The blur of a photo (pixels), from where its limb has been found roughly: `found` holds strips, their profiles and
+/// the limb's depth in them.
+pub(super) fn blur(found: &[(&Strip, &Profile, f64)], radius_px: f64) -> f64 {
+    let chi2 = |blur: f64| -> f64 {
+        let edges = found
+            .iter()
+            .filter_map(|(strip, profile, start)| locate(strip, profile, *start, radius_px, blur));
+        let (count, sum) = edges.fold((0usize, 0.0), |(n, sum), e| (n + 1, sum + e.chi2));
+        if count == found.len() {
+            sum
+        } else {
+            f64::INFINITY
+        }
+    };
+    let sharp = chi2(0.0);
+    let tried = BLURS.map(|b| (b, chi2(b)));
+    let (mut best, mut least) = (0.0, f64::INFINITY);
+    for (k, &(b, chi)) in tried.iter().enumerate() {
+        if chi < least {
+            (best, least) = (b, chi);
+            // The vertex of the parabola through the neighbours.
+            if let (Some(l), Some(r)) = (k.checked_sub(1).map(|k| tried[k]), tried.get(k + 1)) {
+                let (p, q) = ((chi - l.1) / (b - l.0), (r.1 - chi) / (r.0 - b));
+                if q > p && p.is_finite() && q.is_finite() {
+                    let middle = (0.5 * (l.0 + b), 0.5 * (b + r.0));
+                    best = (middle.0 - p * (middle.1 - middle.0) / (q - p)).clamp(l.0, r.0);
+                }
+            }
+        }
+    }
+    // Also if no sharp limb can be fitted at all.
+    if least.is_finite() && !(least > (1.0 - BLUR_GAIN) * sharp) {
+        best
+    } else {
+        0.0
+    }
+}
+
 /// Gauss–Newton on (edge, background, l₀ … l₃) over all pixels of the strip's lines about `start`, with
 /// Huber weights against dust.
-pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64, radius_px: f64) -> Option<Edge> {
+pub(super) fn locate(
+    strip: &Strip,
+    profile: &Profile,
+    start: f64,
+    radius_px: f64,
+    blur: f64,
+) -> Option<Edge> {
     let inside = (0.03 * radius_px).clamp(6.0, INSIDE as f64);
     let mut samples = Vec::new();
     for line in &strip.lines {
@@ -217,6 +269,7 @@ pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64, radius_px: f6
     let mut levels = SVector::<f64, 5>::zeros();
     let mut sigma = f64::INFINITY;
     let mut contrast = 0.0;
+    let mut chi2 = f64::INFINITY;
     for iteration in 0..12 {
         let mut normal = SMatrix::<f64, 6, 6>::from_diagonal(&prior);
         let mut right = SVector::<f64, 6>::zeros();
@@ -226,7 +279,7 @@ pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64, radius_px: f6
         let mut chi = 0.0;
         let mut total = 0.0;
         for s in &samples {
-            let (basis, turn) = pixel(s.depth - edge, strip.slant);
+            let (basis, turn) = blurred_pixel(s.depth - edge, strip.slant, blur);
             let miss = s.value - basis.dot(&levels);
             // The first pass has no levels yet: it solves for them alone, the edge held.
             let d_edge = if iteration == 0 {
@@ -256,6 +309,7 @@ pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64, radius_px: f6
         let move_by = step[0].clamp(-0.7, 0.7);
         edge += move_by;
         levels += step.fixed_rows::<5>(1);
+        chi2 = chi;
         if iteration > 0 {
             let worse = (chi / (total - 6.0).max(1.0)).max(1.0);
             sigma = (inverse[(0, 0)] * worse).sqrt();
@@ -273,7 +327,25 @@ pub(super) fn locate(strip: &Strip, profile: &Profile, start: f64, radius_px: f6
         sigma,
         sigma_model: sigma * systematic.sqrt(),
         contrast,
+        chi2,
     })
+}
+
+/// [`pixel`] seen through a Gaussian blur along the row.
+fn blurred_pixel(depth: f64, slant: f64, blur: f64) -> (SVector<f64, 5>, SVector<f64, 5>) {
+    if !(blur > 0.0) {
+        return pixel(depth, slant);
+    }
+    let (mut total, mut basis, mut turn) = (0.0, SVector::zeros(), SVector::zeros());
+    for k in -BLUR_NODES..=BLUR_NODES {
+        let z = 0.5 * f64::from(k);
+        let weight = (-0.5 * z * z).exp();
+        let (b, t) = pixel(depth + blur * z, slant);
+        total += weight;
+        basis += b * weight;
+        turn += t * weight;
+    }
+    (basis / total, turn / total)
 }
 
 /// Background and l₀ … l₃ averaged over a pixel whose centre lies `depth` inside the limb (along the

@@ -20,6 +20,9 @@ use super::surface::{Pose, Side, ViewGeometry};
 /// start of a shadow is as good an explanation.
 const LEAST_CONTRAST: f64 = 6.0;
 
+/// Strips that tell a photo's blur.
+const BLUR_STRIPS: usize = 3;
+
 /// Where to look for the limb.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Search {
@@ -151,6 +154,7 @@ pub fn find(
         })
         .collect();
     let lines = consensus::agree(&candidates, object.shape, reach);
+    let blur = blur(&candidates, &profiles, lines, radius_px);
     let mut limb = Vec::new();
     let mut model_errors = [Vec::new(), Vec::new()];
     for ((strip, _), profile) in candidates.iter().zip(&profiles) {
@@ -159,7 +163,7 @@ pub fn find(
             Side::Right => lines[1],
         };
         let Some(line) = line else { continue };
-        let found = edge::locate(strip, profile, line.depth(strip.row), radius_px);
+        let found = edge::locate(strip, profile, line.depth(strip.row), radius_px, blur);
         let Some(found) = found.filter(|e| e.contrast.abs() > LEAST_CONTRAST) else {
             continue;
         };
@@ -198,6 +202,34 @@ pub fn find(
         _ => Status::Only(Side::Right),
     };
     Ok(assemble(status, fitted, camera, object, radius_px, limb))
+}
+
+/// The photo's blur, pixels, from the strips with the most contrast.
+fn blur(
+    candidates: &[(strip::Strip, Vec<edge::Candidate>)],
+    profiles: &[strip::Profile],
+    lines: [Option<consensus::Line>; 2],
+    radius_px: f64,
+) -> f64 {
+    let mut found: Vec<(f64, (&strip::Strip, &strip::Profile, f64))> = candidates
+        .iter()
+        .zip(profiles)
+        .filter_map(|((strip, _), profile)| {
+            let line = lines[usize::from(strip.side == Side::Right)]?;
+            let start = line.depth(strip.row);
+            let sharp = edge::locate(strip, profile, start, radius_px, 0.0);
+            let contrast = sharp.map_or(0.0, |e| e.contrast.abs());
+            Some((contrast, (strip, profile, start)))
+        })
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(BLUR_STRIPS);
+    let strips: Vec<_> = found.into_iter().map(|f| f.1).collect();
+    if strips.is_empty() {
+        0.0
+    } else {
+        edge::blur(&strips, radius_px)
+    }
 }
 
 /// The outline that the user measured: half its width and its centre.

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::information::Information;
+use super::information::{Equations, Information};
 use super::prior::{Factor, Penalties, Relief, Smoothness};
 use crate::Result;
 
@@ -14,12 +14,21 @@ use crate::Result;
 /// it to (2/16000)^½ = 1 %.
 const PROBES: usize = 16;
 
+/// Change of the logarithm of a weight that is left: it is a hundredth of the range that serves as well.
+const SETTLED: f64 = 0.2;
+
 /// Most steps towards the maximum of the evidence.
 const ROUNDS: usize = 14;
 
 /// Width over which the local size of ρ̃ is averaged, radians: enough places that its estimate is steady, and
 /// narrow enough for a lobe.
 const RELIEF: f64 = 0.1;
+
+/// Factor between points of the regularisation curve: √10.
+const STEP: f64 = 3.162_277_660_168_379_5;
+
+/// Most steps by which cross-validation may weaken the prior.
+const RELAXATIONS: usize = 8;
 
 /// One point of the regularisation curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,7 +48,7 @@ pub struct CurvePoint {
 /// What was learnt from the data about prior and noise.
 #[derive(Clone, Debug)]
 pub struct Learnt {
-    /// The prior that maximises the evidence.
+    /// The prior that maximises the evidence, weakened by [`relaxed`].
     pub smoothness: Smoothness,
     /// Where ρ̃ is large and where small.
     pub relief: Relief,
@@ -59,9 +68,8 @@ struct Fit {
 
 /// The problem on splines coarse enough for dense algebra at every trial.
 struct Level {
-    information: Mat<f64>,
-    right_side: Vec<f64>,
-    square: f64,
+    /// With all variances times the noise of the moment.
+    equations: Equations,
     count: f64,
     penalties: Penalties,
     /// Number of coefficients of the full square.
@@ -70,15 +78,15 @@ struct Level {
 }
 
 impl Level {
-    fn fit(&self, smoothness: &Smoothness, noise: f64) -> Result<Fit> {
-        let mut matrix = faer::Scale(1.0 / noise) * &self.information;
+    fn fit(&self, smoothness: &Smoothness) -> Result<Fit> {
+        let mut matrix = self.equations.matrix.clone();
         self.penalties.add_dense(smoothness, &mut matrix);
         let a = Factor::new(&matrix)?;
-        let rhs: Vec<f64> = self.right_side.iter().map(|h| h / noise).collect();
-        let x = a.solve_vector(&rhs);
+        let rhs = &self.equations.right_side;
+        let x = a.solve_vector(rhs);
         let gain: f64 = rhs.iter().zip(&x).map(|(h, x)| h * x).sum();
         let penalty: f64 = weighted(smoothness, &self.penalties.values(&x));
-        let chi_square = (self.square / noise - gain - penalty).max(0.0);
+        let chi_square = (self.equations.square - gain - penalty).max(0.0);
         Ok(Fit {
             x,
             a,
@@ -88,7 +96,7 @@ impl Level {
     }
 
     fn prior(&self, smoothness: &Smoothness) -> Result<Factor> {
-        let n = self.right_side.len();
+        let n = self.equations.right_side.len();
         let mut matrix = Mat::zeros(n, n);
         self.penalties.add_dense(smoothness, &mut matrix);
         Factor::new(&matrix)
@@ -150,23 +158,23 @@ fn limited(w: [f64; 3], spacing: f64, longest: f64) -> [f64; 3] {
 /// (tr P⁻¹P_k − tr A⁻¹P_k) / x̂ᵀP_k x̂, which raises the evidence at every step. With it the noise: where the
 /// residual is larger than the variances allow, all of them are scaled up.
 ///
+/// Then cross-validation may weaken the prior as a whole. The curve about what was chosen is computed if `curve` asks for it.
+///
 /// # Errors
 /// If the normal equations cannot be factored.
-pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
+pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Learnt> {
     let basis = information.basis;
     let n = basis.pairs();
     let mut rng = ChaCha8Rng::seed_from_u64(0x5eed_b4df);
     let mut relief = Relief::flat(basis);
     let mut level = Level {
-        information: information.dense(1.0),
-        right_side: information.right_side(),
-        square: information.square,
+        equations: information.equations(1.0)?,
         count: information.count as f64,
         penalties: Penalties::new(basis, &relief),
         places: basis.len() * basis.len(),
         white: Mat::from_fn(n, PROBES, |_, _| StandardNormal.sample(&mut rng)),
     };
-    let mean_information = (0..n).map(|i| level.information[(i, i)]).sum::<f64>() / n as f64;
+    let mean_information = (0..n).map(|i| level.equations.matrix[(i, i)]).sum::<f64>() / n as f64;
     let mut noise = 1.0;
     // Start: a prior that says next to nothing, smooth over 0.1 rad; its fit gives the first amplitude.
     let shape = |amplitude: f64| {
@@ -178,7 +186,7 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
         }
     };
     let h2 = basis.spacing().powi(2);
-    let start = level.fit(&shape(1e-4 * mean_information / h2), noise)?;
+    let start = level.fit(&shape(1e-4 * mean_information / h2))?;
     let size = level.penalties.values(&start.x)[0].max(f64::MIN_POSITIVE);
     // A prior may at most be a hundred million times as strong as the samples, or a black object would make it
     // infinite.
@@ -187,7 +195,7 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
     let mut largest = 0.0;
     for round in 0..ROUNDS {
         let now = smoothness;
-        let fit = level.fit(&now, noise)?;
+        let fit = level.fit(&now)?;
         largest = fit.x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let prior_draws = level.draws(&level.prior(&now)?);
         let draws = level.draws(&fit.a);
@@ -199,8 +207,9 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
         for k in 0..3 {
             // A floor keeps a step finite where the data say nothing about this form.
             let determined = (prior_traces[k] - traces[k]).max(1e-3 * prior_traces[k]);
-            let ratio = determined / (before[k] * values[k]).max(f64::MIN_POSITIVE) * before[k];
-            after[k] = before[k] * ratio.clamp(1.0 / 30.0, 30.0);
+            let ratio = determined / values[k].max(f64::MIN_POSITIVE);
+            // Half as far again: the fixed point is approached from one side, slowly.
+            after[k] = before[k] * ratio.powf(1.5).clamp(1.0 / 30.0, 30.0);
         }
         after[0] = after[0].min(strongest);
         let after = limited(after, basis.spacing(), longest);
@@ -217,12 +226,15 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
                 1.0
             };
             settled = (wanted / noise).ln().abs() < 0.05;
-            noise = wanted;
+            if wanted != noise {
+                noise = wanted;
+                level.equations = information.equations(noise)?;
+            }
         }
         settled &= before
             .iter()
             .zip(&after)
-            .all(|(b, a)| (a / b).ln().abs() < 0.1);
+            .all(|(b, a)| (a / b).ln().abs() < SETTLED);
         if (2..=6).contains(&round) && round % 2 == 0 {
             // The same step for the local size: what the posterior expects of the energy over what the prior does.
             let mut expected = level.energy(&now, &draws);
@@ -238,8 +250,10 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
             break;
         }
     }
+    let smoothness = smoothness.times(relaxed(&level, &smoothness)?);
     let curve = (-4..=4)
-        .map(|k| point(&level, &smoothness, noise, 10f64.powf(f64::from(k) * 0.5)))
+        .filter(|_| curve)
+        .map(|k| point(&level, &smoothness, STEP.powi(k)))
         .collect::<Result<_>>()?;
     Ok(Learnt {
         smoothness,
@@ -249,14 +263,35 @@ pub fn learn(information: &Information, longest: f64) -> Result<Learnt> {
     })
 }
 
-fn point(level: &Level, chosen: &Smoothness, noise: f64, factor: f64) -> Result<CurvePoint> {
+/// The factor on all weights: a step below 1, and from there on down as long as generalised cross-validation falls.
+///
+/// The maximum of the evidence is best for the smooth estimate. The one from which the bias was taken must smooth less if
+/// intervals are to cover what they claim at each place (undersmoothing: Hall, "Effect of bias estimation on coverage
+/// accuracy of bootstrap confidence intervals for a probability density", Annals of Statistics 20, 1992); one step costs a
+/// tenth of the error and brings lobes of exponent 128 from 93 to 94 %. And where a lobe is nothing like the prior
+/// expects, the evidence smooths too much; cross-validation asks nothing of the prior.
+fn relaxed(level: &Level, chosen: &Smoothness) -> Result<f64> {
+    let mut factor = 1.0 / STEP;
+    let mut score = point(level, chosen, factor)?.gcv;
+    for _ in 0..RELAXATIONS {
+        let weaker = factor / STEP;
+        let next = point(level, chosen, weaker)?.gcv;
+        if next >= score {
+            break;
+        }
+        (factor, score) = (weaker, next);
+    }
+    Ok(factor)
+}
+
+fn point(level: &Level, chosen: &Smoothness, factor: f64) -> Result<CurvePoint> {
     let smoothness = chosen.times(factor);
-    let fit = level.fit(&smoothness, noise)?;
-    let n = level.right_side.len() as f64;
+    let fit = level.fit(&smoothness)?;
+    let n = level.equations.right_side.len() as f64;
     let parameters = n - weighted(&smoothness, &level.traces(&level.draws(&fit.a)));
     // ln |P| scales by n ln factor; its value at the maximum is a constant of the curve.
     let evidence =
-        0.5 * (n * factor.ln() - fit.a.log_determinant() - (level.square / noise - fit.gain));
+        0.5 * (n * factor.ln() - fit.a.log_determinant() - (level.equations.square - fit.gain));
     let free = (level.count - parameters).max(1.0);
     Ok(CurvePoint {
         factor,

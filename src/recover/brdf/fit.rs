@@ -4,13 +4,15 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use faer::Mat;
 use num_complex::Complex64;
+use rayon::prelude::*;
 
 use super::basis::{Basis, END_SHAPES};
 use super::estimate::Coefficient;
 use super::information::Information;
 use super::posterior::{self, Posterior};
-use super::prior::{Factor, Penalties, Relief, Smoothness};
+use super::prior::{Factor, Penalties, Precision, Relief, Smoothness};
 use super::spectrum;
+use super::spread::{self, Spread, Variances};
 use crate::Result;
 use crate::lighting::Status;
 
@@ -69,7 +71,7 @@ impl Reach {
         let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
         Penalties::new(basis, relief).add_dense(&limited, &mut matrix);
         let prior = Factor::new(&matrix)?;
-        matrix += information.dense(1.0);
+        matrix += information.equations(1.0)?.matrix;
         let told = Factor::new(&matrix)?;
         Ok(Self { basis, prior, told })
     }
@@ -81,6 +83,8 @@ pub struct Fit {
     pub information: Information,
     /// Coefficients and covariance.
     pub posterior: Posterior,
+    /// The prior.
+    prior: Precision,
     /// Σ residual²/σ², by the variances as given.
     pub chi_square: f64,
     /// Effective number of parameters.
@@ -93,14 +97,28 @@ pub struct Fit {
 pub struct GridValues {
     /// ρ̃.
     pub values: Vec<f64>,
-    /// Posterior standard deviation.
+    /// Standard deviation.
     pub sigma: Vec<f64>,
     /// Cramér–Rao bound without smoothness.
     pub bound: Vec<f64>,
     /// Status.
     pub status: Vec<Status>,
-    /// Factor of the problem without smoothness.
-    pub vague: Factor,
+}
+
+/// The Cramér–Rao bound without smoothness.
+struct Bounds {
+    /// Covariance of the coefficients.
+    covariance: Mat<f64>,
+    /// σ of the Fourier coefficients, as of [`spectrum::functionals`].
+    spectrum: Vec<f64>,
+}
+
+/// σ by the status: see [`spread`].
+fn sigma(status: Status, variances: Variances) -> f64 {
+    match status {
+        Status::Determined => variances.noise.sqrt(),
+        _ => variances.total.sqrt(),
+    }
 }
 
 impl Fit {
@@ -115,14 +133,13 @@ impl Fit {
         relief: &Relief,
         non_negative: bool,
     ) -> Result<Self> {
-        let penalties = Penalties::new(information.basis, relief);
+        let prior = Penalties::new(information.basis, relief).precision(&smoothness);
         let pairs = information.basis.pairs() as f64;
         let count = information.count as f64;
         let solve = |noise: f64| -> Result<(Posterior, f64, f64)> {
-            let posterior =
-                Posterior::new(&information, &penalties, &smoothness, noise, non_negative)?;
-            let chi_square = information.chi_square(&posterior.mean);
-            let parameters = pairs - penalties.trace(&smoothness, &posterior.covariance);
+            let posterior = Posterior::new(&information, &prior, noise, non_negative)?;
+            let chi_square = information.chi_square(&posterior.mean, noise)?;
+            let parameters = pairs - prior.trace_of_square(&posterior.covariance);
             Ok((posterior, chi_square, parameters))
         };
         let mut noise = 1.0;
@@ -138,6 +155,7 @@ impl Fit {
         Ok(Self {
             information,
             posterior,
+            prior,
             chi_square,
             parameters,
             noise,
@@ -174,87 +192,135 @@ impl Fit {
         largest
     }
 
-    /// Values of the slice at size² cells.
+    /// Values of the slice at size² cells, and its Fourier coefficients up to `order`.
     ///
     /// # Errors
-    /// If the problem without smoothness cannot be factored.
-    pub fn grid(&self, size: usize, reach: &Reach) -> Result<GridValues> {
-        let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / size as f64;
+    /// If the prior or the problem without smoothness cannot be factored.
+    pub fn read(
+        &self,
+        size: usize,
+        order: usize,
+        reach: &Reach,
+    ) -> Result<(GridValues, Vec<Coefficient>)> {
+        let values = self.values(size);
+        let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let functionals = spectrum::functionals(self.basis(), order);
+        let bounds = self.bounds(largest, &functionals)?;
+        let coefficients = self.coefficients(order, &functionals, &bounds, reach);
+        drop(functionals);
+        Ok((self.grid(size, values, &bounds, reach), coefficients))
+    }
+
+    fn values(&self, size: usize) -> Vec<f64> {
         let mut values = vec![0.0; size * size];
         for i in 0..size {
             for j in 0..=i {
                 let v = posterior::apply(
-                    &posterior::value_at(self.basis(), angle(i), angle(j)),
+                    &posterior::value_at(self.basis(), centre(size, i), centre(size, j)),
                     &self.posterior.mean,
                 );
                 values[i * size + j] = v;
                 values[j * size + i] = v;
             }
         }
-        let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let mut matrix = self.information.dense(1.0 / self.noise);
+        values
+    }
+
+    fn bounds(&self, largest: f64, functionals: &Mat<f64>) -> Result<Bounds> {
+        let mut matrix = self.information.equations(self.noise)?.matrix;
         Penalties::new(self.basis(), &Relief::flat(self.basis()))
             .add_dense(&vague(self.basis(), largest), &mut matrix);
-        let vague = Factor::new(&matrix)?;
+        let factor = Factor::new(&matrix)?;
         drop(matrix);
-        let free = vague.inverse();
-        let (prior, told) = (reach.prior.inverse(), reach.told.inverse());
-        let mut sigma = vec![0.0; size * size];
-        let mut bound = sigma.clone();
-        let mut status = vec![Status::Indeterminate; size * size];
-        for i in 0..size {
-            for j in 0..=i {
-                let functional = posterior::value_at(self.basis(), angle(i), angle(j));
-                let s = posterior::variance(&functional, &self.posterior.covariance).sqrt();
-                let b = posterior::variance(&functional, &free).sqrt();
-                let coarse = posterior::value_at(reach.basis, angle(i), angle(j));
-                let p = posterior::variance(&coarse, &prior).sqrt();
-                let t = posterior::variance(&coarse, &told).sqrt();
-                for k in [i * size + j, j * size + i] {
-                    sigma[k] = s;
-                    bound[k] = b;
-                    status[k] = classify(b, s, t, p);
-                }
-            }
-        }
-        Ok(GridValues {
-            values,
-            sigma,
-            bound,
-            status,
-            vague,
+        Ok(Bounds {
+            spectrum: spectrum::sigmas(functionals, &factor),
+            covariance: factor.inverse(),
         })
     }
 
-    /// Fourier coefficients up to `order`; `vague` is the factor of the problem without smoothness.
-    ///
-    /// # Errors
-    /// If the prior cannot be factored.
-    pub fn spectrum(
+    fn grid(&self, size: usize, values: Vec<f64>, bounds: &Bounds, reach: &Reach) -> GridValues {
+        let covariance = &self.posterior.covariance;
+        let spread = Spread::new(self.basis(), covariance, &self.prior);
+        let (prior, told) = (reach.prior.inverse(), reach.told.inverse());
+        let rows: Vec<Vec<(f64, f64, Status)>> = (0..size)
+            .into_par_iter()
+            .map(|i| {
+                let cells = (0..=i).map(|j| {
+                    let (a, b) = (centre(size, i), centre(size, j));
+                    let functional = posterior::value_at(self.basis(), a, b);
+                    let posterior = posterior::variance(&functional, covariance);
+                    let bound = posterior::variance(&functional, &bounds.covariance).sqrt();
+                    let coarse = posterior::value_at(reach.basis, a, b);
+                    let p = posterior::variance(&coarse, &prior).sqrt();
+                    let t = posterior::variance(&coarse, &told).sqrt();
+                    let status = classify(bound, posterior.sqrt(), t, p);
+                    let relative = spread.at(a, b);
+                    let variances = Variances {
+                        noise: posterior * relative.noise,
+                        total: posterior * relative.total,
+                    };
+                    (sigma(status, variances), bound, status)
+                });
+                cells.collect()
+            })
+            .collect();
+        let mut out = GridValues {
+            values,
+            sigma: vec![0.0; size * size],
+            bound: vec![0.0; size * size],
+            status: vec![Status::Indeterminate; size * size],
+        };
+        for (i, row) in rows.into_iter().enumerate() {
+            for (j, (sigma, bound, status)) in row.into_iter().enumerate() {
+                for k in [i * size + j, j * size + i] {
+                    out.sigma[k] = sigma;
+                    out.bound[k] = bound;
+                    out.status[k] = status;
+                }
+            }
+        }
+        out
+    }
+
+    fn coefficients(
         &self,
         order: usize,
-        vague: &Factor,
+        functionals: &Mat<f64>,
+        bounds: &Bounds,
         reach: &Reach,
-    ) -> Result<Vec<Coefficient>> {
-        let functionals = spectrum::functionals(self.basis(), order);
-        let sigma = spectrum::sigmas(&functionals, &self.posterior.factor);
-        let bound = spectrum::sigmas(&functionals, vague);
+    ) -> Vec<Coefficient> {
+        let covariance = &self.posterior.covariance;
+        let parts = spread::variances(functionals, covariance, &self.prior);
         let coarse = spectrum::functionals(reach.basis, order);
         let prior = spectrum::sigmas(&coarse, &reach.prior);
         let told = spectrum::sigmas(&coarse, &reach.told);
         let x = &self.posterior.mean;
         let dot = |j: usize| -> f64 { functionals.col(j).iter().zip(x).map(|(w, x)| w * x).sum() };
-        Ok(spectrum::indices(order)
+        spectrum::indices(order)
             .into_iter()
             .enumerate()
-            .map(|(k, (p, q))| Coefficient {
-                p,
-                q,
-                value: Complex64::new(dot(2 * k), dot(2 * k + 1)),
-                sigma: sigma[k],
-                bound: bound[k],
-                status: classify(bound[k], sigma[k], told[k], prior[k]),
+            .map(|(k, (p, q))| {
+                let [re, im] = [parts[2 * k], parts[2 * k + 1]];
+                let both = Variances {
+                    noise: spectrum::of_parts(re.noise, im.noise),
+                    total: spectrum::of_parts(re.total, im.total),
+                };
+                let bound = bounds.spectrum[k];
+                let status = classify(bound, both.total.sqrt(), told[k], prior[k]);
+                Coefficient {
+                    p,
+                    q,
+                    value: Complex64::new(dot(2 * k), dot(2 * k + 1)),
+                    sigma: sigma(status, both),
+                    bound,
+                    status,
+                }
             })
-            .collect())
+            .collect()
     }
+}
+
+/// θ′ at the centre of cell `k` of `size`, radians.
+fn centre(size: usize, k: usize) -> f64 {
+    -FRAC_PI_2 + (k as f64 + 0.5) * PI / size as f64
 }

@@ -7,8 +7,10 @@ use faer::{Accum, Mat, Par};
 use rayon::prelude::*;
 
 use super::basis::{Basis, END_SHAPES};
+use super::prior::Factor;
+use crate::Result;
 use crate::angle::{WorldAngle, wrap};
-use crate::light_field::{Column, Samples};
+use crate::light_field::{Column, Samples, Systematic};
 use crate::lighting::Lighting;
 
 /// Points of the circle on which the smooth light's convolution with a spline is tabulated. Between
@@ -129,6 +131,36 @@ pub struct ColumnInformation {
     pub gram: Mat<f64>,
     /// Σ a y / σ².
     pub rhs: Vec<f64>,
+    /// Σ a f / σ² of each systematic error f, \[len\]\[error\].
+    cross: Mat<f64>,
+}
+
+/// What one column has to say of the systematic errors f themselves.
+struct Shared {
+    /// Σ f fᵀ / σ².
+    gram: Mat<f64>,
+    /// Σ f y / σ².
+    rhs: Vec<f64>,
+}
+
+/// The systematic errors that all samples share, each with a normal prior of one standard deviation.
+struct Coupling {
+    /// Σ a f / σ² for the unknowns c_{mn}, m ≥ n, \[pair\]\[error\].
+    cross: Mat<f64>,
+    /// Σ f fᵀ / σ².
+    gram: Mat<f64>,
+    /// Σ f y / σ².
+    rhs: Vec<f64>,
+}
+
+/// Normal equations of the unknowns c_{mn}, m ≥ n.
+pub struct Equations {
+    /// Information matrix J.
+    pub matrix: Mat<f64>,
+    /// Right side h.
+    pub right_side: Vec<f64>,
+    /// Square of the samples in the metric of their covariance: χ²(c) = square − 2 hᵀc + cᵀJc.
+    pub square: f64,
 }
 
 /// All columns of one channel.
@@ -140,34 +172,142 @@ pub struct Information {
     /// Number of samples.
     pub count: usize,
     /// Σ y²/σ².
-    pub square: f64,
+    square: f64,
+    /// `None` without systematic errors.
+    coupling: Option<Coupling>,
 }
 
 impl Information {
     /// Reduces `channel` of the samples. Samples with a variance that is not finite and positive, a value
-    /// that is not finite, or θo′ beyond the half circle have no part in it.
-    pub fn new(samples: &Samples, channel: usize, light: &Illumination) -> Self {
+    /// that is not finite, or θo′ beyond the half circle have no part in it. A systematic error must be of these
+    /// samples.
+    pub fn new(
+        samples: &Samples,
+        channel: usize,
+        systematics: &[Systematic],
+        light: &Illumination,
+    ) -> Self {
+        let changes: Vec<&Vec<Vec<f64>>> = systematics
+            .iter()
+            .filter_map(|s| s.change.get(channel))
+            .collect();
         let reduced: Vec<_> = samples
             .columns
             .par_iter()
-            .filter_map(|column| reduce(column, channel, light))
+            .enumerate()
+            .filter_map(|(j, column)| {
+                let own: Vec<&[f64]> = changes
+                    .iter()
+                    .map(|c| c.get(j).map_or(&[][..], Vec::as_slice))
+                    .collect();
+                reduce(column, channel, &own, light)
+            })
             .collect();
+        let errors = changes.len();
         let mut information = Self {
             basis: light.basis,
             columns: Vec::with_capacity(reduced.len()),
             count: 0,
             square: 0.0,
+            coupling: None,
         };
-        for (column, count, square) in reduced {
-            information.columns.push(column);
-            information.count += count;
-            information.square += square;
+        let mut shared = Shared {
+            gram: Mat::zeros(errors, errors),
+            rhs: vec![0.0; errors],
+        };
+        for part in reduced {
+            information.columns.push(part.column);
+            information.count += part.count;
+            information.square += part.square;
+            shared.gram += part.shared.gram;
+            for (sum, own) in shared.rhs.iter_mut().zip(part.shared.rhs) {
+                *sum += own;
+            }
+        }
+        if errors > 0 {
+            let mut cross = Mat::zeros(information.basis.pairs(), errors);
+            for column in &information.columns {
+                for (n, value) in information.basis.at(column.local).iter() {
+                    for m in 0..information.basis.len() {
+                        let pair = information.basis.pair(m, n);
+                        for s in 0..errors {
+                            cross[(pair, s)] += value * column.cross[(m, s)];
+                        }
+                    }
+                }
+            }
+            information.coupling = Some(Coupling {
+                cross,
+                gram: shared.gram,
+                rhs: shared.rhs,
+            });
         }
         information
     }
 
+    /// The normal equations if all variances of the samples are `noise` times what they say. Systematic errors f have
+    /// been integrated out: the samples' covariance is noise·W⁻¹ + Σ f fᵀ, inverted by Woodbury's identity.
+    ///
+    /// # Errors
+    /// If the systematic errors are not finite.
+    pub fn equations(&self, noise: f64) -> Result<Equations> {
+        let mut equations = Equations {
+            matrix: self.dense(1.0 / noise),
+            right_side: self.right_side().iter().map(|h| h / noise).collect(),
+            square: self.square / noise,
+        };
+        if let Some(coupling) = &self.coupling {
+            // L⁻¹ of L Lᵀ = 1 + FᵀWF/noise, applied to what the errors have to do with the rest.
+            let factor = coupling.factor(noise)?;
+            let mut half = coupling.cross.transpose().to_owned();
+            half *= faer::Scale(1.0 / noise);
+            factor.half_solve(&mut half);
+            let mut target = Mat::from_fn(coupling.rhs.len(), 1, |s, _| coupling.rhs[s] / noise);
+            factor.half_solve(&mut target);
+            matmul(
+                &mut equations.matrix,
+                Accum::Add,
+                half.transpose(),
+                &half,
+                -1.0,
+                faer::get_global_parallelism(),
+            );
+            let explained = half.transpose() * &target;
+            for (i, h) in equations.right_side.iter_mut().enumerate() {
+                *h -= explained[(i, 0)];
+            }
+            equations.square -= target.squared_norm_l2();
+        }
+        Ok(equations)
+    }
+
+    /// χ² of the coefficients `x`, by the variances as given, with the systematic errors that fit best where there are any.
+    /// Their own prior counts `noise` times, as if the variances were so many times what they say.
+    ///
+    /// # Errors
+    /// If the systematic errors are not finite.
+    pub fn chi_square(&self, x: &[f64], noise: f64) -> Result<f64> {
+        let plain = self.plain_chi_square(x);
+        let Some(coupling) = &self.coupling else {
+            return Ok(plain);
+        };
+        let errors = coupling.rhs.len();
+        let mut left = Mat::from_fn(errors, 1, |s, _| {
+            let explained: f64 = coupling
+                .cross
+                .col(s)
+                .iter()
+                .zip(x)
+                .map(|(c, x)| c * x)
+                .sum();
+            (coupling.rhs[s] - explained) / noise
+        });
+        coupling.factor(noise)?.half_solve(&mut left);
+        Ok((plain - noise * left.squared_norm_l2()).max(0.0))
+    }
+
     /// Σ residual²/σ² of the coefficients `x`.
-    pub fn chi_square(&self, x: &[f64]) -> f64 {
+    fn plain_chi_square(&self, x: &[f64]) -> f64 {
         let len = self.basis.len();
         let mut sum = self.square;
         for column in &self.columns {
@@ -186,8 +326,8 @@ impl Information {
         sum.max(0.0)
     }
 
-    /// The right side of the normal equations for the unknowns c_{mn}, m ≥ n.
-    pub fn right_side(&self) -> Vec<f64> {
+    /// The right side of the normal equations, of independent samples.
+    fn right_side(&self) -> Vec<f64> {
         let mut out = vec![0.0; self.basis.pairs()];
         for column in &self.columns {
             for (n, value) in self.basis.at(column.local).iter() {
@@ -199,8 +339,8 @@ impl Information {
         out
     }
 
-    /// The information matrix of the unknowns c_{mn}, m ≥ n, dense, times `scale`.
-    pub fn dense(&self, scale: f64) -> Mat<f64> {
+    /// The information matrix of independent samples, dense, times `scale`.
+    fn dense(&self, scale: f64) -> Mat<f64> {
         let len = self.basis.len();
         let mut out = Mat::<f64>::zeros(self.basis.pairs(), self.basis.pairs());
         // Σ over columns of φ_n φ_n' G first: bands |n − n'| ≤ 5 of len² numbers.
@@ -241,23 +381,43 @@ impl Information {
     }
 }
 
+impl Coupling {
+    fn factor(&self, noise: f64) -> Result<Factor> {
+        let mut matrix = faer::Scale(1.0 / noise) * &self.gram;
+        for s in 0..matrix.nrows() {
+            matrix[(s, s)] += 1.0;
+        }
+        Factor::new(&matrix)
+    }
+}
+
+/// One column's part of [`Information`].
+struct Reduced {
+    column: ColumnInformation,
+    shared: Shared,
+    count: usize,
+    square: f64,
+}
+
 fn reduce(
     column: &Column,
     channel: usize,
+    changes: &[&[f64]],
     light: &Illumination,
-) -> Option<(ColumnInformation, usize, f64)> {
+) -> Option<Reduced> {
     let local = column.local.rad();
     // Below 1e-6 rad from the horizon the division by the cosine has no meaning.
     if local.is_nan() || local.abs() > FRAC_PI_2 - 1e-6 {
         return None;
     }
     let (values, variances) = (column.value.get(channel)?, column.variance.get(channel)?);
-    let usable: Vec<(f64, f64, f64)> = column
+    let usable: Vec<(usize, f64, f64, f64)> = column
         .alpha
         .iter()
         .zip(values.iter().zip(variances))
-        .filter(|(a, (y, v))| a.is_finite() && y.is_finite() && v.is_finite() && **v > 0.0)
-        .map(|(&a, (&y, &v))| (a, y, 1.0 / v.sqrt()))
+        .enumerate()
+        .filter(|(_, (a, (y, v)))| a.is_finite() && y.is_finite() && v.is_finite() && **v > 0.0)
+        .map(|(k, (&a, (&y, &v)))| (k, a, y, 1.0 / v.sqrt()))
         .collect();
     if usable.is_empty() {
         return None;
@@ -268,7 +428,7 @@ fn reduce(
     let mut rows = Mat::<f64>::zeros(len, usable.len());
     let mut rhs = vec![0.0; len];
     let mut square = 0.0;
-    for (i, &(alpha, y, root)) in usable.iter().enumerate() {
+    for (i, &(_, alpha, y, root)) in usable.iter().enumerate() {
         let row = rows.col_mut(i).try_as_col_major_mut()?.as_slice_mut();
         light.add_row(alpha, root / cosine, row);
         for (r, a) in rhs.iter_mut().zip(row.iter()) {
@@ -285,5 +445,38 @@ fn reduce(
         1.0,
         Par::Seq,
     );
-    Some((ColumnInformation { local, gram, rhs }, usable.len(), square))
+    let f = Mat::from_fn(usable.len(), changes.len(), |i, s| {
+        let (k, _, _, root) = usable[i];
+        let change = changes[s].get(k).copied().unwrap_or(0.0);
+        // A slope that could not be told says nothing.
+        if change.is_finite() {
+            change * root
+        } else {
+            0.0
+        }
+    });
+    let shared = Shared {
+        gram: f.transpose() * &f,
+        rhs: (0..changes.len())
+            .map(|s| {
+                f.col(s)
+                    .iter()
+                    .zip(&usable)
+                    .map(|(f, u)| f * u.2 * u.3)
+                    .sum()
+            })
+            .collect(),
+    };
+    let cross = &rows * &f;
+    Some(Reduced {
+        column: ColumnInformation {
+            local,
+            gram,
+            rhs,
+            cross,
+        },
+        shared,
+        count: usable.len(),
+        square,
+    })
 }

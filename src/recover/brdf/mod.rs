@@ -11,13 +11,13 @@
 //! sources at their exact angles. ρ̃ is fitted rather than ρ because it is the quantity that is bounded and
 //! continuous at grazing angles, and the one that is symmetric.
 //!
-//! With weights 1/σ² the samples give an information matrix J and a right side h. The estimate is the maximum
-//! of the posterior, c = (J + P)⁻¹ h under c ≥ 0, with a Gaussian prior of precision P: the size of ρ̃ and its roughness across and along
-//! the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe fills a
-//! small part of it. All of it maximises the marginal likelihood of the samples. σ is from (J + P)⁻¹. As a
-//! confidence interval it covers what it claims when averaged over the slice (Nychka, "Bayesian confidence
-//! intervals for smoothing splines", JASA 83, 1988), because it holds the expected squared bias of smoothing
-//! beside the variance.
+//! With weights 1/σ² the samples give an information matrix J and a right side h. A Gaussian prior of precision P says how large
+//! ρ̃ is and how rough across and along the mirror lobe ([`Smoothness`]), each with a local size that varies over the slice, because a lobe
+//! fills a small part of it; all of it maximises the marginal likelihood of the samples, but the weight as a whole is then lowered by a
+//! step, or as far as cross-validation asks. From c = (J + P)⁻¹ h the bias that the prior brings in is taken out, to second order, and
+//! c ≥ 0 imposed. σ of what is determined is then that of the noise alone, over captures of this
+//! very surface, and a 95 % interval covers 95 % at each place; for the rest σ holds what the prior expects besides (see
+//! `posterior.rs` and `spread.rs`).
 //!
 //! # What is determined, and the bound
 //!
@@ -39,6 +39,7 @@
 //! The prior enters only as the size that a quantity could be expected to have. The bound of the white ε
 //! knows nothing of smoothness, so it does not flatter a prior that is wrong.
 
+mod advice;
 pub(super) mod basis;
 mod estimate;
 mod evidence;
@@ -47,12 +48,14 @@ mod information;
 mod posterior;
 mod prior;
 mod spectrum;
+mod spread;
 
 use std::f64::consts::PI;
 
-use crate::light_field::Samples;
+use crate::light_field::{Samples, Systematic};
 use crate::lighting::Lighting;
 use crate::{Error, Result};
+pub use advice::advise;
 use basis::Basis;
 pub use estimate::{BrdfEstimate, Coefficient, Slice};
 pub use evidence::CurvePoint;
@@ -64,14 +67,12 @@ pub use prior::Smoothness;
 /// Longest correlation length that is learnt, radians.
 const LONGEST: f64 = 1.0;
 
-/// Intervals of the splines on which the prior's weights are learnt.
+/// Intervals of the splines on which the prior's weights are learnt, and of the first result: 4.5° hold a lobe of exponent
+/// 32 to 3e-6, of 128 to 2e-4.
 const COARSE: usize = 40;
 
-/// Intervals of the splines of the result: 3° hold a lobe of exponent 128 to 1e-5.
-const INTERVALS: usize = 60;
-
-/// The same where that is not enough; 2.5° hold it to a third of that.
-const FINE: usize = 72;
+/// Intervals of the splines where that is not enough, one after the other: 3° hold a lobe of exponent 128 to 1e-5, 2.5° to a third of that.
+const FINER: [usize; 2] = [60, 72];
 
 /// Error of the splines, in units of σ, beyond which finer ones are taken: a fifth adds 2 % to the total.
 const TOLERATED: f64 = 0.2;
@@ -79,11 +80,11 @@ const TOLERATED: f64 = 0.2;
 /// How the weight of the prior is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Regularisation {
-    /// Marginal likelihood.
+    /// Marginal likelihood for the form of the prior; its weight is a step below, or as far as cross-validation asks.
     Evidence,
-    /// Generalised cross-validation along the curve through the maximum of the marginal likelihood.
+    /// Generalised cross-validation alone for the weight.
     Gcv,
-    /// That maximum's weights times this factor.
+    /// The weights of `Evidence` times this factor.
     Factor(f64),
     /// These weights.
     Fixed(Smoothness),
@@ -96,8 +97,8 @@ pub enum Regularisation {
 pub struct Options {
     /// Cells of the half × half grid of the result along each side.
     pub size: usize,
-    /// Knot intervals of the splines over the half circle; `None`: 60, or 72 if the lobe is sharp and the noise so low
-    /// that the splines themselves would limit the result.
+    /// Knot intervals of the splines over the half circle; `None`: 40, or 60 or 72 if the lobe is so sharp and the noise so
+    /// low that the splines themselves would limit the result.
     pub intervals: Option<usize>,
     /// Highest frequency of the spectrum.
     pub order: usize,
@@ -108,6 +109,8 @@ pub struct Options {
     /// How far from what was seen smoothness may fill in, radians: the longest correlation length by which the status of a
     /// value is judged.
     pub longest: f64,
+    /// Whether evidence and cross-validation are computed for other weights of the prior too, for the report.
+    pub curve: bool,
 }
 
 impl Default for Options {
@@ -119,6 +122,7 @@ impl Default for Options {
             regularisation: Regularisation::Evidence,
             non_negative: true,
             longest: 12f64.to_radians(),
+            curve: true,
         }
     }
 }
@@ -131,6 +135,20 @@ impl Default for Options {
 /// [`Kind::Input`](crate::error::Kind) if a channel has no light or no sample, or an option is out of range;
 /// [`Kind::Failed`](crate::error::Kind) if the normal equations cannot be solved.
 pub fn recover(samples: &Samples, lighting: &Lighting, options: &Options) -> Result<BrdfEstimate> {
+    recover_with(samples, &[], lighting, options)
+}
+
+/// The same with systematic errors that all samples share: they are fitted along, each with a normal prior of one
+/// standard deviation, so that σ holds what they leave open, and the bound with it.
+///
+/// # Errors
+/// As [`recover`].
+pub fn recover_with(
+    samples: &Samples,
+    systematics: &[Systematic],
+    lighting: &Lighting,
+    options: &Options,
+) -> Result<BrdfEstimate> {
     check(options)?;
     let mut estimate = BrdfEstimate {
         channels: samples.channels.clone(),
@@ -151,7 +169,14 @@ pub fn recover(samples: &Samples, lighting: &Lighting, options: &Options) -> Res
                 .advice("give the lighting the channel names of the photographs"));
             }
         };
-        let slice = recover_channel(samples, channel, lighting, light_channel, options)?;
+        let slice = recover_channel(
+            samples,
+            channel,
+            systematics,
+            lighting,
+            light_channel,
+            options,
+        )?;
         estimate
             .warnings
             .extend(estimate::gaps(name, options.size, &slice));
@@ -180,7 +205,7 @@ fn check(options: &Options) -> Result<()> {
     number("a grid size", options.size, 2, 2000)?;
     number(
         "knot intervals",
-        options.intervals.unwrap_or(INTERVALS),
+        options.intervals.unwrap_or(COARSE),
         12,
         100,
     )?;
@@ -206,12 +231,13 @@ fn check(options: &Options) -> Result<()> {
 fn recover_channel(
     samples: &Samples,
     channel: usize,
+    systematics: &[Systematic],
     lighting: &Lighting,
     light_channel: usize,
     options: &Options,
 ) -> Result<Slice> {
     let name = samples.channels.get(channel).map_or("", String::as_str);
-    let intervals = options.intervals.unwrap_or(INTERVALS);
+    let intervals = options.intervals.unwrap_or(COARSE);
     let coarse_basis = Basis::new(COARSE.min(intervals));
     let light = Illumination::new(coarse_basis, lighting, light_channel);
     if light.is_dark() {
@@ -220,14 +246,18 @@ fn recover_channel(
                 .advice("a BRDF can only be measured under light"),
         );
     }
-    let coarse = Information::new(samples, channel, &light);
+    let coarse = Information::new(samples, channel, systematics, &light);
     if coarse.count == 0 {
         return Err(Error::input(format!(
             "channel {name} has no usable sample of the light field"
         ))
         .advice("check the exposure, the mask and the limb cut"));
     }
-    let learnt = evidence::learn(&coarse, LONGEST)?;
+    let learnt = evidence::learn(
+        &coarse,
+        LONGEST,
+        options.curve || options.regularisation == Regularisation::Gcv,
+    )?;
     let smoothness = match options.regularisation {
         Regularisation::Evidence => learnt.smoothness,
         Regularisation::Gcv => {
@@ -246,20 +276,28 @@ fn recover_channel(
         Regularisation::Fixed(_) | Regularisation::None => Relief::flat(coarse_basis),
         _ => learnt.relief,
     };
+    let reach = Reach::new(&coarse, &smoothness, &relief, options.longest)?;
     let fit = |intervals: usize| -> Result<Fit> {
         let basis = Basis::new(intervals);
         let light = Illumination::new(basis, lighting, light_channel);
-        let information = Information::new(samples, channel, &light);
+        let information = Information::new(samples, channel, systematics, &light);
         Fit::new(information, smoothness, &relief, options.non_negative)
     };
     let mut fitted = fit(intervals)?;
-    if options.intervals.is_none() && fitted.spline_error() > TOLERATED {
+    for finer in FINER {
+        // Splines that are too coarse also show as noise above the stated.
+        let noise = fitted.noise;
+        let coarse = fitted.spline_error() > TOLERATED || noise > 1.0;
+        if options.intervals.is_some() || !coarse {
+            break;
+        }
         drop(fitted);
-        fitted = fit(FINE)?;
+        fitted = fit(finer)?;
+        if fitted.noise > 0.95 * noise && noise > 1.0 {
+            break;
+        }
     }
-    let reach = Reach::new(&coarse, &smoothness, &relief, options.longest)?;
-    let grid = fitted.grid(options.size, &reach)?;
-    let spectrum = fitted.spectrum(options.order, &grid.vague, &reach)?;
+    let (grid, spectrum) = fitted.read(options.size, options.order, &reach)?;
     Ok(Slice {
         reciprocal: grid.values,
         sigma: grid.sigma,

@@ -3,6 +3,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use faer::{Mat, Side};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::basis::Basis;
@@ -137,9 +138,9 @@ impl Relief {
 
 /// The three quadratic forms on the coefficients c_{mn}, m ≥ n; each the sum of squares of sparse rows.
 pub struct Penalties {
-    basis: Basis,
-    /// 1/√variance of the relief, \[m\]\[n\].
-    scale: Vec<f64>,
+    unknowns: usize,
+    /// By form, at \[m\]\[n\].
+    rows: [Vec<Row>; 3],
 }
 
 /// One row of a penalty: up to four unknowns with their factors.
@@ -149,90 +150,146 @@ impl Penalties {
     /// The forms on `basis`, weighted by 1/relief.
     pub fn new(basis: Basis, relief: &Relief) -> Self {
         let centre: Vec<f64> = (0..basis.len()).map(|m| basis.centre(m)).collect();
-        let scale = centre
-            .iter()
-            .flat_map(|&a| centre.iter().map(move |&b| relief.at(a, b).sqrt().recip()))
-            .collect();
-        Self { basis, scale }
+        let rows = [0, 1, 2].map(|form| {
+            let mut rows = Vec::with_capacity(centre.len() * centre.len());
+            for (m, &a) in centre.iter().enumerate() {
+                for (n, &b) in centre.iter().enumerate() {
+                    rows.push(row(basis, relief.at(a, b).sqrt().recip(), form, m, n));
+                }
+            }
+            rows
+        });
+        Self {
+            unknowns: basis.pairs(),
+            rows,
+        }
     }
 
     /// Σ of the three forms at each place \[m\]\[n\].
     pub fn energy(&self, smoothness: &Smoothness, x: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; self.scale.len()];
-        for (form, weight) in smoothness.weights().into_iter().enumerate() {
-            for (place, row) in out.iter_mut().zip(self.rows(form)) {
+        let mut out = vec![0.0; self.rows[0].len()];
+        for (rows, weight) in self.rows.iter().zip(smoothness.weights()) {
+            for (place, row) in out.iter_mut().zip(rows) {
                 *place += weight * row.iter().map(|&(k, f)| f * x[k]).sum::<f64>().powi(2);
             }
         }
         out
     }
 
-    /// Row of `form` (0 amplitude, 1 across, 2 along) centred at coefficient (m, n) of the full square. The
-    /// coefficients beyond the square are those of the splines left out: 0.
-    fn row(&self, form: usize, m: usize, n: usize) -> Row {
-        let scale = self.scale[m * self.basis.len() + n];
-        let h = self.basis.spacing();
-        let here = self.basis.pair(m, n);
-        if form == 0 {
-            let h = h * scale;
-            return [(here, h), (here, 0.0), (here, 0.0), (here, 0.0)];
-        }
-        let last = self.basis.len() as isize - 1;
-        // The diagonal neighbours are √2 h apart; times h, since the sum stands for ∫ da db.
-        let factor = scale * h / (2f64.sqrt() * h).powi(3);
-        let side = if form == 1 { 1 } else { -1 };
-        let (i, j) = (m as isize, n as isize);
-        let at = |k: isize, f: f64| {
-            let (i, j) = (i + k, j + side * k);
-            if i < 0 || j < 0 || i > last || j > last {
-                (here, 0.0)
-            } else {
-                (self.basis.pair(i as usize, j as usize), f * factor)
-            }
-        };
-        [at(-1, -1.0), at(0, 3.0), at(1, -3.0), at(2, 1.0)]
-    }
-
-    fn rows(&self, form: usize) -> impl Iterator<Item = Row> + '_ {
-        let len = self.basis.len();
-        (0..len).flat_map(move |m| (0..len).map(move |n| self.row(form, m, n)))
-    }
-
     /// The value of each form at `x`.
     pub fn values(&self, x: &[f64]) -> [f64; 3] {
         [0, 1, 2].map(|form| {
-            self.rows(form)
+            self.rows[form]
+                .iter()
                 .map(|row| row.iter().map(|&(k, f)| f * x[k]).sum::<f64>().powi(2))
                 .sum()
         })
     }
 
-    /// tr(covariance · P).
-    pub fn trace(&self, smoothness: &Smoothness, covariance: &Mat<f64>) -> f64 {
-        let mut sum = 0.0;
-        for (form, weight) in smoothness.weights().into_iter().enumerate() {
-            for row in self.rows(form) {
-                for &(i, a) in &row {
-                    for &(j, b) in &row {
-                        sum += weight * a * b * covariance[(i, j)];
-                    }
-                }
+    /// P.
+    pub fn precision(&self, smoothness: &Smoothness) -> Precision {
+        let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.unknowns];
+        self.each_entry(smoothness, |i, j, v| {
+            match rows[i].iter_mut().find(|(k, _)| *k == j) {
+                Some((_, sum)) => *sum += v,
+                None => rows[i].push((j, v)),
             }
-        }
-        sum
+        });
+        Precision { rows }
     }
 
     /// Adds P to a dense matrix.
     pub fn add_dense(&self, smoothness: &Smoothness, out: &mut Mat<f64>) {
-        for (form, weight) in smoothness.weights().into_iter().enumerate() {
-            for row in self.rows(form) {
-                for &(i, a) in &row {
-                    for &(j, b) in &row {
-                        out[(i, j)] += weight * a * b;
+        self.each_entry(smoothness, |i, j, v| out[(i, j)] += v);
+    }
+
+    fn each_entry(&self, smoothness: &Smoothness, mut add: impl FnMut(usize, usize, f64)) {
+        for (rows, weight) in self.rows.iter().zip(smoothness.weights()) {
+            for row in rows {
+                let row = row.iter().filter(|(_, f)| *f != 0.0);
+                for &(i, a) in row.clone() {
+                    for &(j, b) in row.clone() {
+                        add(i, j, weight * a * b);
                     }
                 }
             }
         }
+    }
+}
+
+/// Row of `form` (0 amplitude, 1 across, 2 along) centred at coefficient (m, n) of the full square, times `scale`. The
+/// coefficients beyond the square are those of the splines left out: 0.
+fn row(basis: Basis, scale: f64, form: usize, m: usize, n: usize) -> Row {
+    let h = basis.spacing();
+    let here = basis.pair(m, n);
+    if form == 0 {
+        let h = h * scale;
+        return [(here, h), (here, 0.0), (here, 0.0), (here, 0.0)];
+    }
+    let last = basis.len() as isize - 1;
+    // The diagonal neighbours are √2 h apart; times h, since the sum stands for ∫ da db.
+    let factor = scale * h / (2f64.sqrt() * h).powi(3);
+    let side = if form == 1 { 1 } else { -1 };
+    let (i, j) = (m as isize, n as isize);
+    let at = |k: isize, f: f64| {
+        let (i, j) = (i + k, j + side * k);
+        if i < 0 || j < 0 || i > last || j > last {
+            (here, 0.0)
+        } else {
+            (basis.pair(i as usize, j as usize), f * factor)
+        }
+    };
+    [at(-1, -1.0), at(0, 3.0), at(1, -3.0), at(2, 1.0)]
+}
+
+/// The prior's precision P as a sparse matrix: some twenty numbers in each row.
+pub struct Precision {
+    rows: Vec<Vec<(usize, f64)>>,
+}
+
+impl Precision {
+    /// Adds P to a dense matrix.
+    pub fn add_to(&self, out: &mut Mat<f64>) {
+        for (i, row) in self.rows.iter().enumerate() {
+            for &(j, v) in row {
+                out[(i, j)] += v;
+            }
+        }
+    }
+
+    /// P x.
+    pub fn times(&self, x: &[f64]) -> Vec<f64> {
+        self.rows
+            .iter()
+            .map(|row| row.iter().map(|&(k, v)| v * x[k]).sum())
+            .collect()
+    }
+
+    /// P times each column of `x`.
+    pub fn times_columns(&self, x: &Mat<f64>) -> Mat<f64> {
+        let mut out = Mat::zeros(x.nrows(), x.ncols());
+        out.par_col_chunks_mut(1)
+            .zip(x.par_col_chunks(1))
+            .for_each(|(mut to, from)| {
+                let from: Vec<f64> = from.col(0).iter().copied().collect();
+                for (i, row) in self.rows.iter().enumerate() {
+                    to[(i, 0)] = row.iter().map(|&(k, v)| v * from[k]).sum();
+                }
+            });
+        out
+    }
+
+    /// tr((P C)²) for a symmetric C: what twicing leaves of the prior's share of the parameters.
+    pub fn trace_of_square(&self, covariance: &Mat<f64>) -> f64 {
+        let product = self.times_columns(covariance);
+        (0..product.ncols())
+            .map(|j| {
+                let column = product.col(j);
+                (0..product.nrows())
+                    .map(|i| column[i] * product[(j, i)])
+                    .sum::<f64>()
+            })
+            .sum()
     }
 }
 

@@ -46,13 +46,17 @@ pub fn sigmas(functionals: &Mat<f64>, factor: &Factor) -> Vec<f64> {
     (0..half.ncols() / 2)
         .map(|k| {
             let square = |j: usize| half.col(j).squared_norm_l2();
-            let (re, im) = (square(2 * k), square(2 * k + 1));
-            // ρ̃_{0,0} and ρ̃_{p,−p} are real by symmetry; their imaginary functional is 0 but for rounding.
-            if im <= 1e-12 * re {
-                re.sqrt()
-            } else {
-                ((re + im) / 2.0).sqrt()
-            }
+            of_parts(square(2 * k), square(2 * k + 1)).sqrt()
         })
         .collect()
+}
+
+/// Variance of each part of a coefficient from those of its real and imaginary part.
+pub fn of_parts(re: f64, im: f64) -> f64 {
+    // ρ̃_{0,0} and ρ̃_{p,−p} are real by symmetry; their imaginary functional is 0 but for rounding.
+    if im <= 1e-12 * re {
+        re
+    } else {
+        (re + im) / 2.0
+    }
 }

@@ -57,16 +57,6 @@ pub(super) enum Covariance {
 }
 
 impl Covariance {
-    /// Mean variance of the m values.
-    pub fn mean(&self) -> f64 {
-        match self {
-            Self::White(v) => *v,
-            Self::Full(c) => {
-                (0..c.nrows()).map(|i| c[(i, i)]).sum::<f64>() / c.nrows().max(1) as f64
-            }
-        }
-    }
-
     /// Mean variance of the values of frequency `p`.
     pub fn at(&self, p: usize) -> f64 {
         match self {

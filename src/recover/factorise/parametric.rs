@@ -80,7 +80,7 @@ pub struct ParametricChannel {
 /// Fits every analytic model with an unknown light to one channel.
 ///
 /// # Errors
-/// If there are fewer samples than unknowns of the smallest light, or the given scale is unusable.
+/// If there are fewer than 20 samples, or no model can be fitted in the given scale.
 pub fn parametric(samples: &Samples, channel: usize, scale: &Scale) -> Result<ParametricChannel> {
     let name = samples.channels.get(channel).cloned().unwrap_or_default();
     let count = samples.count(channel);
@@ -98,8 +98,8 @@ pub fn parametric(samples: &Samples, channel: usize, scale: &Scale) -> Result<Pa
     let mut fits: Vec<ParametricFit> = Shape::all()
         .par_iter()
         .filter_map(|shape| all.fit(&few, shape))
-        .map(|fit| fit.scaled(scale, channel))
-        .collect::<Result<_>>()?;
+        .filter_map(|fit| fit.scaled(scale, channel))
+        .collect();
     fits.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     if fits.is_empty() {
         return Err(Error::failed(format!(
@@ -292,7 +292,8 @@ struct Fitted {
 }
 
 impl Fitted {
-    fn scaled(self, scale: &Scale, channel: usize) -> Result<ParametricFit> {
+    /// `None` if the scale asks for a light or a surface below 0.
+    fn scaled(self, scale: &Scale, channel: usize) -> Option<ParametricFit> {
         let minimum = &self.minimum;
         let light = to_series(&self.light);
         let mean = light.get(0).re;
@@ -308,11 +309,7 @@ impl Fitted {
             Scale::Albedo(values) => planar_albedo(unscaled.as_ref()) / value(values),
         };
         if !(factor > 0.0 && factor.is_finite()) {
-            return Err(Error::failed(format!(
-                "the given scale needs a factor of {factor} for the model {}, which is not above 0",
-                self.shape.name()
-            ))
-            .advice("Check the given scale, or leave it out."));
+            return None;
         }
         let degrees = (self.samples as f64 - self.effective - self.shape.len() as f64).max(1.0);
         // A misfit is an error too: it is spread over the parameters as if it were noise.
@@ -350,7 +347,7 @@ impl Fitted {
             .map(|v| v.map(|v| v * inflation))
             .collect();
         let parameters = self.shape.len() as f64;
-        Ok(ParametricFit {
+        Some(ParametricFit {
             model: self.shape.name().to_string(),
             parameters: self.shape.report(&minimum.x, &variance, 1.0 / factor),
             chi_square: self.chi_square,

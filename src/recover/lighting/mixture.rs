@@ -2,14 +2,15 @@
 //! likelihood.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use faer::Mat;
 use rayon::prelude::*;
 
 use super::prior::{Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv};
-use super::sources::{unit_response, weighted_product};
+use super::sources::{Response, response_derivative, unit_response, weighted_product};
 use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
-use crate::angle::{WorldAngle, wrap};
+use crate::angle::wrap;
 use crate::brdf::Brdf;
 use crate::error::Result;
 use crate::fourier::Series;
@@ -31,6 +32,8 @@ const MOST_SPLITS: usize = 2;
 const SPLIT: f64 = 0.035;
 /// Deviation of the prior under which directions are first improved, relative to the mean light.
 const SHARP: f64 = 1e-2;
+/// Factor on the noise's variance that makes another fit worth its time: 5 % of σ.
+const WORTHWHILE: f64 = 0.9;
 /// Rounds of directions under held priors and priors for held directions, at the most.
 const ROUNDS: usize = 3;
 /// Gauss–Newton steps under one prior, at the most.
@@ -39,20 +42,20 @@ const STEPS: usize = 8;
 const LOST: f64 = 0.3;
 /// Longest step of a direction, radians: within the width of a lobe the step may be trusted.
 const LONGEST_STEP: f64 = 0.05;
-/// Step (radians) of the central difference for a response's derivative by direction.
-const DIFFERENCE: f64 = 2e-4;
 
 /// One channel's normal equations and scales.
 #[derive(Debug)]
 pub struct Channel<'a> {
     pub name: String,
     pub index: usize,
+    /// The first channel that has the same BRDF.
+    pub twin: usize,
     pub brdf: &'a dyn Brdf,
     pub system: NormalSystem,
     /// L_0, W m⁻² rad⁻¹, roughly.
     pub mean_light: f64,
     /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
-    pub systematics: Vec<Vec<Vec<f64>>>,
+    pub systematics: Vec<Response>,
     /// Dᵀ W f of each systematic error.
     crosses: Vec<Vec<f64>>,
     /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
@@ -60,17 +63,31 @@ pub struct Channel<'a> {
     pub noise_scale: f64,
 }
 
+/// What a channel is made of.
+pub struct ChannelParts<'a> {
+    pub name: String,
+    pub samples: &'a Samples,
+    pub index: usize,
+    pub twin: usize,
+    pub brdf: &'a dyn Brdf,
+    pub system: NormalSystem,
+    pub systematics: Vec<Response>,
+    pub mean_light: f64,
+}
+
 impl<'a> Channel<'a> {
     /// Measures the noise scale on the fit under the weakest prior.
-    pub fn new(
-        name: String,
-        samples: &Samples,
-        index: usize,
-        brdf: &'a dyn Brdf,
-        system: NormalSystem,
-        systematics: Vec<Vec<Vec<f64>>>,
-        mean_light: f64,
-    ) -> Result<Self> {
+    pub fn new(parts: ChannelParts<'a>) -> Result<Self> {
+        let ChannelParts {
+            name,
+            samples,
+            index,
+            twin,
+            brdf,
+            system,
+            systematics,
+            mean_light,
+        } = parts;
         let crosses = systematics
             .iter()
             .map(|f| system.project(samples, index, f))
@@ -78,6 +95,7 @@ impl<'a> Channel<'a> {
         let mut channel = Self {
             name,
             index,
+            twin,
             brdf,
             system,
             mean_light,
@@ -89,11 +107,16 @@ impl<'a> Channel<'a> {
         let problem = channel.problem(&equations, 0);
         let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
         let residual = problem.residual(channel.system.square, &x);
-        let freedom = channel.system.count.saturating_sub(x.len()).max(1);
-        let floor = (channel.system.largest * MODEL_ERROR).powi(2) * channel.system.weight
-            / channel.system.count as f64;
-        channel.noise_scale = (residual / freedom as f64).max(floor).max(1.0);
+        channel.noise_scale = channel.noise_scale_of(residual, x.len());
         Ok(channel)
+    }
+
+    /// κ from the weighted sum of squared residuals of a fit of `unknowns` unknowns.
+    fn noise_scale_of(&self, residual: f64, unknowns: usize) -> f64 {
+        let freedom = self.system.count.saturating_sub(unknowns).max(1);
+        let floor = (self.system.largest * MODEL_ERROR).powi(2) * self.system.weight
+            / self.system.count as f64;
+        (residual / freedom as f64).max(floor).max(1.0)
     }
 
     /// Posterior of the smooth light and the systematic errors under the weakest prior.
@@ -115,9 +138,13 @@ impl<'a> Channel<'a> {
     }
 
     /// Normal equations of coefficients, irradiances of unit responses `sources`, and systematic errors.
-    fn equations(&self, samples: &Samples, sources: &[Vec<Vec<f64>>]) -> (Mat<f64>, Vec<f64>) {
+    fn equations(&self, samples: &Samples, sources: &[Arc<Response>]) -> (Mat<f64>, Vec<f64>) {
         let n = self.system.vector.len();
-        let extra: Vec<&Vec<Vec<f64>>> = sources.iter().chain(&self.systematics).collect();
+        let extra: Vec<&Response> = sources
+            .iter()
+            .map(Arc::as_ref)
+            .chain(&self.systematics)
+            .collect();
         let size = n + extra.len();
         let mut matrix = Mat::from_fn(size, size, |i, j| {
             if i < n && j < n {
@@ -151,7 +178,7 @@ impl<'a> Channel<'a> {
         (matrix, vector)
     }
 
-    fn values(&self, samples: &Samples) -> Vec<Vec<f64>> {
+    fn values(&self, samples: &Samples) -> Response {
         samples
             .columns
             .iter()
@@ -175,7 +202,7 @@ pub struct Fit {
     pub posterior: Posterior,
     pub prior: SpectralPrior,
     pub choice: RegularisationChoice,
-    responses: Vec<Vec<Vec<f64>>>,
+    responses: Vec<Arc<Response>>,
     log_evidence: f64,
     /// Weighted sum of squared residuals.
     square: f64,
@@ -192,7 +219,7 @@ impl Fit {
         systematics: &[f64],
     ) -> Vec<Vec<f64>> {
         let mut predicted = channel.system.predict(samples, smooth);
-        let sources = self.responses.iter().zip(irradiance);
+        let sources = self.responses.iter().map(Arc::as_ref).zip(irradiance);
         for (response, e) in sources.chain(channel.systematics.iter().zip(systematics)) {
             for (column, f) in predicted.iter_mut().zip(response) {
                 for (b, f) in column.iter_mut().zip(f) {
@@ -225,11 +252,54 @@ impl Mixture {
         regularisation: Regularisation,
         candidates: &[f64],
     ) -> Result<Self> {
-        let mut best = Self::with_directions(samples, channels, &[], regularisation)?;
+        Self::with_directions(samples, channels, &[], regularisation)?.extended(
+            samples,
+            channels,
+            regularisation,
+            candidates,
+        )
+    }
+
+    /// The likeliest number of sources, starting from these, after the channels' noise has changed.
+    pub fn refit(
+        &self,
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        regularisation: Regularisation,
+        candidates: &[f64],
+    ) -> Result<Self> {
+        Self::refined(samples, channels, &self.directions, regularisation)?.extended(
+            samples,
+            channels,
+            regularisation,
+            candidates,
+        )
+    }
+
+    /// With as many more sources at `candidates` as are believed, and peaks split in two.
+    fn extended(
+        self,
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        regularisation: Regularisation,
+        candidates: &[f64],
+    ) -> Result<Self> {
+        let mut best = self;
+        let found = best.directions.clone();
+        let mut trial = found.clone();
         let mut worse = 0;
-        for count in 1..=candidates.len().min(MOST_SOURCES) {
+        for &candidate in candidates {
+            let nearest = found.iter().map(|d| wrap(d - candidate).abs());
+            // A source that was found has moved a little from its peak.
+            if nearest.fold(f64::INFINITY, f64::min) < 2.0 * SPLIT {
+                continue;
+            }
+            if trial.len() == MOST_SOURCES {
+                break;
+            }
+            trial.push(candidate);
             // One more may be needed before two weaker sources together pay.
-            if best.improve(samples, channels, &candidates[..count], regularisation)? {
+            if best.improve(samples, channels, &trial, regularisation)? {
                 worse = 0;
             } else {
                 worse += 1;
@@ -257,6 +327,20 @@ impl Mixture {
             }
         }
         Ok(best)
+    }
+
+    /// Measures the channels' noise again on these residuals; whether that changes what may be believed.
+    pub fn measure_noise(&self, channels: &mut [Channel<'_>]) -> bool {
+        let mut changed = false;
+        for (channel, fit) in channels.iter_mut().zip(&self.fits) {
+            let unknowns = fit.posterior.mean.len() + self.directions.len();
+            let measured = channel.noise_scale_of(fit.square, unknowns);
+            if measured < WORTHWHILE * channel.noise_scale {
+                channel.noise_scale = measured;
+                changed = true;
+            }
+        }
+        changed
     }
 
     /// Takes the fit with sources at about `directions` instead, if it is believed more.
@@ -337,8 +421,8 @@ impl Mixture {
             for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
                 *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
             }
-            // A hundredth of a standard deviation is as good as there.
-            if steps.iter().all(|(step, sigma)| step.abs() < 0.01 * sigma) {
+            // Steps shrink so fast that what is left after one of a tenth of a standard deviation is nothing.
+            if steps.iter().all(|(step, sigma)| step.abs() < 0.1 * sigma) {
                 break;
             }
         }
@@ -362,10 +446,18 @@ impl Mixture {
         directions: &[f64],
         strengths: &[Strength],
     ) -> Result<Self> {
+        let responses: Vec<Vec<Arc<Response>>> = directions
+            .iter()
+            .map(|&theta| of_each_brdf(channels, |brdf| unit_response(samples, brdf, theta)))
+            .collect();
         let fits: Vec<Fit> = channels
             .par_iter()
             .zip(strengths)
-            .map(|(channel, strength)| fit_channel(samples, channel, directions, *strength))
+            .enumerate()
+            .map(|(c, (channel, strength))| {
+                let own = responses.iter().map(|r| Arc::clone(&r[c])).collect();
+                fit_channel(samples, channel, own, *strength)
+            })
             .collect::<Result<_>>()?;
         Ok(Self {
             log_evidence: fits.iter().map(|f| f.log_evidence).sum(),
@@ -380,10 +472,16 @@ impl Mixture {
     fn direction_steps(&self, samples: &Samples, channels: &[Channel<'_>]) -> Vec<(f64, f64)> {
         (0..self.directions.len())
             .map(|s| {
+                let derivatives = of_each_brdf(channels, |brdf| {
+                    response_derivative(samples, brdf, self.directions[s])
+                });
                 let parts: Vec<(f64, f64)> = channels
                     .par_iter()
                     .zip(&self.fits)
-                    .map(|(channel, fit)| self.direction_gradient(samples, channel, fit, s))
+                    .zip(&derivatives)
+                    .map(|((channel, fit), derivative)| {
+                        direction_gradient(samples, channel, fit, s, derivative)
+                    })
                     .collect();
                 let gradient: f64 = parts.iter().map(|p| p.0).sum();
                 let curvature: f64 = parts.iter().map(|p| p.1).sum();
@@ -395,51 +493,6 @@ impl Mixture {
                 }
             })
             .collect()
-    }
-
-    /// Gradient and curvature of the log posterior by the direction of source `s`, with all other
-    /// unknowns of the channel at their best (profile likelihood).
-    fn direction_gradient(
-        &self,
-        samples: &Samples,
-        channel: &Channel<'_>,
-        fit: &Fit,
-        s: usize,
-    ) -> (f64, f64) {
-        let n = channel.system.vector.len();
-        let irradiance = fit.posterior.mean[n + s];
-        let at = |offset: f64| {
-            let theta = WorldAngle::radians(self.directions[s] + offset);
-            unit_response(samples, channel.brdf, theta)
-        };
-        let mut derivative = at(DIFFERENCE);
-        for (column, before) in derivative.iter_mut().zip(at(-DIFFERENCE)) {
-            for (d, b) in column.iter_mut().zip(before) {
-                *d = (*d - b) / (2.0 * DIFFERENCE);
-            }
-        }
-        let kappa = channel.noise_scale;
-        let values = channel.values(samples);
-        let mut cross = channel.system.project(samples, channel.index, &derivative);
-        for response in fit.responses.iter().chain(&channel.systematics) {
-            cross.push(weighted_product(
-                samples,
-                channel.index,
-                response,
-                &derivative,
-            ));
-        }
-        let data = weighted_product(samples, channel.index, &derivative, &values);
-        let own = weighted_product(samples, channel.index, &derivative, &derivative);
-        let fitted: f64 = cross
-            .iter()
-            .zip(&fit.posterior.mean)
-            .map(|(a, b)| a * b)
-            .sum();
-        let explained = fit.posterior.variance_of(&cross);
-        let gradient = irradiance * (data - fitted) / kappa;
-        let curvature = irradiance.powi(2) * (own / kappa - explained / kappa.powi(2));
-        (gradient, curvature.max(0.0))
     }
 
     /// Mean and standard deviation of source `s`'s irradiance in each channel.
@@ -508,19 +561,66 @@ impl Mixture {
     }
 }
 
+/// One function of the samples per distinct BRDF, shared by the channels that have it.
+fn of_each_brdf(
+    channels: &[Channel<'_>],
+    make: impl Fn(&dyn Brdf) -> Response,
+) -> Vec<Arc<Response>> {
+    let mut all: Vec<Arc<Response>> = Vec::with_capacity(channels.len());
+    for channel in channels {
+        all.push(match all.get(channel.twin) {
+            Some(twin) => Arc::clone(twin),
+            None => Arc::new(make(channel.brdf)),
+        });
+    }
+    all
+}
+
+/// Gradient and curvature of the log posterior by the direction of source `s`, whose response changes by
+/// `derivative`, with all other unknowns of the channel at their best (profile likelihood).
+fn direction_gradient(
+    samples: &Samples,
+    channel: &Channel<'_>,
+    fit: &Fit,
+    s: usize,
+    derivative: &Response,
+) -> (f64, f64) {
+    let n = channel.system.vector.len();
+    let irradiance = fit.posterior.mean[n + s];
+    let kappa = channel.noise_scale;
+    let values = channel.values(samples);
+    let mut cross = channel.system.project(samples, channel.index, derivative);
+    let own_responses = fit.responses.iter().map(Arc::as_ref);
+    for response in own_responses.chain(&channel.systematics) {
+        cross.push(weighted_product(
+            samples,
+            channel.index,
+            response,
+            derivative,
+        ));
+    }
+    let data = weighted_product(samples, channel.index, derivative, &values);
+    let own = weighted_product(samples, channel.index, derivative, derivative);
+    let fitted: f64 = cross
+        .iter()
+        .zip(&fit.posterior.mean)
+        .map(|(a, b)| a * b)
+        .sum();
+    let explained = fit.posterior.variance_of(&cross);
+    let gradient = irradiance * (data - fitted) / kappa;
+    let curvature = irradiance.powi(2) * (own / kappa - explained / kappa.powi(2));
+    (gradient, curvature.max(0.0))
+}
+
 /// One channel with the sources' directions held: normal equations of coefficients and irradiances.
 fn fit_channel(
     samples: &Samples,
     channel: &Channel<'_>,
-    directions: &[f64],
+    responses: Vec<Arc<Response>>,
     strength: Strength,
 ) -> Result<Fit> {
     let system = &channel.system;
     let n = system.vector.len();
-    let responses: Vec<Vec<Vec<f64>>> = directions
-        .iter()
-        .map(|&theta| unit_response(samples, channel.brdf, WorldAngle::radians(theta)))
-        .collect();
     let equations = channel.equations(samples, &responses);
     let problem = channel.problem(&equations, responses.len());
     let mean_light = channel.mean_light;
@@ -571,7 +671,7 @@ fn fit_channel(
     };
     let posterior = problem.posterior(&prior)?;
     // The irradiances' flat prior over [0, 2π L_0], the largest that the mean light allows.
-    let log_irradiance_prior = directions.len() as f64 * (0.5 * TAU.ln() - (TAU * mean_light).ln());
+    let log_irradiance_prior = responses.len() as f64 * (0.5 * TAU.ln() - (TAU * mean_light).ln());
     Ok(Fit {
         log_evidence: posterior.log_evidence + log_irradiance_prior,
         square: problem.residual(system.square, &posterior.mean),

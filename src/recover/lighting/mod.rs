@@ -17,6 +17,7 @@ mod prior;
 mod sources;
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use faer::Mat;
 use num_complex::Complex64;
@@ -33,10 +34,9 @@ use crate::recover::normal::{NormalSystem, position, to_series};
 pub use estimate::{
     ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, SourceEstimate,
 };
-use mixture::{Channel, Mixture};
+use mixture::{Channel, ChannelParts, Mixture};
 use prior::Posterior;
 pub use prior::SpectralPrior;
-pub use sources::unit_response;
 
 /// σ(L_p)/L_0 up to which a coefficient is determined.
 pub const DETERMINED: f64 = 0.05;
@@ -47,12 +47,14 @@ pub const WEAK: f64 = 0.5;
 const RESPONSE_FLOOR: f64 = 2e-4;
 /// Irradiance, relative to the brightest, below which a peak is not tried as a source.
 const FAINTEST: f64 = 5e-3;
+/// Times that the noise is measured again once sources have been found.
+const NOISE_ROUNDS: usize = 2;
 /// Values of L(θ) in the products: every 0.5° from −180°.
 pub const TABLE: usize = 720;
 /// Largest frequency of the model unless the recipe names one. A lobe of width w (2σ if it were a
 /// Gaussian) has passed 1e-6 of the light's amplitude at p ≈ 10/w; slower tails come from edges of
 /// the half circle, and errors of the surface's model drown them.
-fn model_order(brdf: &dyn Brdf) -> usize {
+pub fn model_order(brdf: &dyn Brdf) -> usize {
     (8.0 / brdf.lobe_width().max(1e-3)).clamp(40.0, 180.0) as usize
 }
 
@@ -115,16 +117,44 @@ pub fn recover_with(
             material.channels.join(", ")
         )));
     }
-    let channels: Vec<Channel<'_>> = (0..samples.channels.len())
+    // Channels often share a BRDF; what follows from it alone is computed once.
+    let twins: Vec<usize> = (0..material.brdfs.len())
+        .map(|c| {
+            let same = |other: &usize| Arc::ptr_eq(&material.brdfs[*other], &material.brdfs[c]);
+            (0..c).find(same).unwrap_or(c)
+        })
+        .collect();
+    let transfers: Vec<Vec<Vec<Complex64>>> = material
+        .brdfs
+        .iter()
+        .enumerate()
+        .map(|(c, brdf)| {
+            if twins[c] != c {
+                return Vec::new();
+            }
+            let order = options.band.unwrap_or_else(|| model_order(brdf.as_ref()));
+            samples
+                .columns
+                .par_iter()
+                .map(|column| transfer_row(brdf.as_ref(), column.local, order))
+                .collect()
+        })
+        .collect();
+    let mut channels: Vec<Channel<'_>> = (0..samples.channels.len())
         .into_par_iter()
         .map(|c| {
-            let changes = systematics.iter().map(|s| s.change[c].clone()).collect();
-            prepare(samples, c, material.brdfs[c].as_ref(), changes, options)
+            let (system, mean_light) = prepare(samples, c, &transfers[twins[c]], options)?;
+            Channel::new(ChannelParts {
+                name: samples.channels[c].clone(),
+                samples,
+                index: c,
+                twin: twins[c],
+                brdf: material.brdfs[c].as_ref(),
+                system,
+                systematics: systematics.iter().map(|s| s.change[c].clone()).collect(),
+                mean_light,
+            })
         })
-        .collect::<Result<_>>()?;
-    let weak: Vec<Posterior> = channels
-        .par_iter()
-        .map(|channel| channel.weak_posterior(samples))
         .collect::<Result<_>>()?;
     let mirror = material.brdfs.iter().any(|b| {
         samples
@@ -134,12 +164,27 @@ pub fn recover_with(
     });
     // A source is not band-limited, and a mirror's response to one is a delta that samples miss.
     let look_for_sources = options.non_negative && options.band.is_none() && !mirror;
+    let weak_posteriors = |channels: &[Channel<'_>]| -> Result<Vec<Posterior>> {
+        channels
+            .par_iter()
+            .map(|channel| channel.weak_posterior(samples))
+            .collect()
+    };
+    let mut weak = weak_posteriors(&channels)?;
     let candidates = if look_for_sources {
         brightest_peaks(&channels, &weak)?
     } else {
         Vec::new()
     };
-    let mixture = Mixture::fit(samples, &channels, options.regularisation, &candidates)?;
+    let mut mixture = Mixture::fit(samples, &channels, options.regularisation, &candidates)?;
+    // What sources explain is no noise: with less noise, fainter sources show and errors are smaller.
+    for _ in 0..NOISE_ROUNDS {
+        if mixture.directions.is_empty() || !mixture.measure_noise(&mut channels) {
+            break;
+        }
+        weak = weak_posteriors(&channels)?;
+        mixture = mixture.refit(samples, &channels, options.regularisation, &candidates)?;
+    }
 
     let estimates = (0..channels.len())
         .into_par_iter()
@@ -151,50 +196,33 @@ pub fn recover_with(
     })
 }
 
-/// The normal equations of one channel, up to the frequency beyond which the data say nothing.
-fn prepare<'a>(
+/// The normal equations of one channel, up to the frequency beyond which the data say nothing, and roughly L_0;
+/// `transfer` is H_p(θo′) for each column, \[column\]\[p\].
+fn prepare(
     samples: &Samples,
     channel: usize,
-    brdf: &'a dyn Brdf,
-    systematics: Vec<Vec<Vec<f64>>>,
+    transfer: &[Vec<Complex64>],
     options: &Options,
-) -> Result<Channel<'a>> {
+) -> Result<(NormalSystem, f64)> {
     let name = &samples.channels[channel];
     if samples.count(channel) == 0 {
         return Err(Error::input(format!("channel {name} has no usable sample"))
             .advice("Every pixel is clipped, masked or beyond the limb cut."));
     }
-    let order = options.band.unwrap_or_else(|| model_order(brdf));
-    let mut transfer: Vec<Vec<Complex64>> = samples
-        .columns
-        .par_iter()
-        .map(|c| transfer_row(brdf, c.local, order))
-        .collect();
-    let (mean_light, informative) = first_look(samples, channel, &transfer);
+    let (mean_light, informative) = first_look(samples, channel, transfer);
     if !(mean_light > 0.0 && mean_light.is_finite()) {
         return Err(Error::input(format!(
             "channel {name}: the mean light comes out as {mean_light:.3e}, expected a positive number"
         ))
         .advice("Check that the photos show the object, that the black level is right, and that the BRDF reflects light in this channel."));
     }
-    let order = if options.band.is_some() {
-        order
-    } else {
-        informative
-    };
-    for row in &mut transfer {
-        row.truncate(order + 1);
-    }
-    let system = NormalSystem::with_transfer(samples, channel, transfer, order);
-    Channel::new(
-        name.clone(),
-        samples,
-        channel,
-        brdf,
-        system,
-        systematics,
-        mean_light,
-    )
+    let order = options.band.unwrap_or(informative);
+    let rows = transfer
+        .iter()
+        .map(|row| row.iter().take(order + 1).copied().collect())
+        .collect();
+    let system = NormalSystem::with_transfer(samples, channel, rows, order);
+    Ok((system, mean_light))
 }
 
 /// L_0 as if the light were uniform, and the largest p that could show above the noise and above
@@ -236,13 +264,8 @@ fn brightest_peaks(channels: &[Channel<'_>], weak: &[Posterior]) -> Result<Vec<f
         .map(|(channel, weak)| {
             let mut x = constrained(weak, channel.system.order, 0)?;
             x.truncate(channel.system.vector.len());
-            let synthesis = synthesis_matrix(channel.system.order, TABLE);
-            Ok((0..TABLE)
-                .map(|k| {
-                    let light: f64 = (0..x.len()).map(|i| synthesis[(k, i)] * x[i]).sum();
-                    light / channel.mean_light
-                })
-                .collect())
+            let light = CircleTransform::new(TABLE, -PI).synthesise(&to_series(&x));
+            Ok(light.iter().map(|l| l / channel.mean_light).collect())
         })
         .collect::<Result<_>>()?;
     let finest = channels
@@ -310,7 +333,6 @@ fn finish(
     let weak = weak.covariance();
     let order = channel.system.order;
     let n = 2 * order + 1;
-    let synthesis = synthesis_matrix(order, TABLE);
     let mut unknowns = fit.posterior.mean.clone();
     let mut shown = unknowns.clone();
     if options.non_negative {
@@ -325,25 +347,18 @@ fn finish(
     let smooth = to_series(&unknowns[..n]);
     let (irradiance, systematics) = unknowns[n..].split_at(mixture.directions.len());
 
-    let mut table: Vec<f64> = (0..TABLE)
-        .map(|k| {
-            let value: f64 = (0..n).map(|i| synthesis[(k, i)] * shown[i]).sum();
-            // What is left below zero lies between the angles at which the constraint was imposed.
-            if options.non_negative {
-                value.max(0.0)
-            } else {
-                value
-            }
-        })
-        .collect();
-    let spread = &synthesis * covariance.submatrix(0, 0, n, n);
-    let mut table_variance: Vec<f64> = (0..TABLE)
-        .map(|k| {
-            (0..n)
-                .map(|i| spread[(k, i)] * synthesis[(k, i)])
-                .sum::<f64>()
-                .max(0.0)
-        })
+    let circle = CircleTransform::new(TABLE, -PI);
+    let mut table = circle.synthesise(&to_series(&shown[..n]));
+    if options.non_negative {
+        // What is left below zero lies between the angles at which the constraint was imposed.
+        for value in &mut table {
+            *value = value.max(0.0);
+        }
+    }
+    let mut table_variance: Vec<f64> = circle
+        .synthesise(&variance_series(&covariance, order))
+        .into_iter()
+        .map(|v| v.max(0.0))
         .collect();
     let step = TAU / TABLE as f64;
     for (s, (&theta, &e)) in mixture.directions.iter().zip(irradiance).enumerate() {
@@ -453,6 +468,29 @@ fn coefficient(
             Status::Indeterminate
         },
     }
+}
+
+/// The variance of L(θ) = Σ L_p e^{ipθ} as a series of order 2P, from the covariance of the unknowns.
+///
+/// Var L(θ) = Σ_{p,q} Cov(L_p, L_q*) e^{i(p−q)θ} over all signs of p and q, with L_{−p} = L_p*.
+fn variance_series(covariance: &Mat<f64>, order: usize) -> Series {
+    let mut series = Series::zero(2 * order);
+    let v = &mut series.coefficients;
+    v[0] += covariance[(0, 0)];
+    for p in 1..=order {
+        let (re, im) = (position(p), position(p) + 1);
+        v[p] += 2.0 * Complex64::new(covariance[(re, 0)], covariance[(im, 0)]);
+        for q in 1..=p {
+            let (re_q, im_q) = (position(q), position(q) + 1);
+            let (rr, ii) = (covariance[(re, re_q)], covariance[(im, im_q)]);
+            let (ir, ri) = (covariance[(im, re_q)], covariance[(re, im_q)]);
+            // (p, q) and (q, p), or once if they are the same.
+            let times = if p == q { 1.0 } else { 2.0 };
+            v[p - q] += 2.0 * Complex64::new(rr + ii, ir - ri);
+            v[p + q] += times * Complex64::new(rr - ii, ir + ri);
+        }
+    }
+    series
 }
 
 /// Rows: angles −π + 2πk/m; columns: the unknowns; the product is L(θ).

@@ -185,8 +185,9 @@ pub fn choose_by_evidence(
         }
     }
     let flat = best.1;
+    // A sky falls off by a power of p from the first frequencies on; 1 leaves nothing but that.
     for steepness in [3, 10] {
-        for corner in [3.0, 6.0, 9.0, 13.0, 19.0, 28.0] {
+        for corner in [1.0, 1.8, 3.0, 6.0, 9.0, 13.0, 19.0, 28.0] {
             let deviation = (flat.deviation * 10f64.sqrt()).min(mean_light);
             look(
                 SpectralPrior {

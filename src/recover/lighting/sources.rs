@@ -7,22 +7,31 @@ use crate::angle::{NormalAngle, WorldAngle};
 use crate::brdf::Brdf;
 use crate::light_field::Samples;
 
-/// B of a unit source (1 W m⁻² on a surface facing it) at `theta` for every sample,
-/// ρ̂(θ − α, θo′), \[column\]\[n\].
+/// Step (radians) of the central difference for a response's derivative by direction.
+const DIFFERENCE: f64 = 2e-4;
+
+/// A function of the samples, \[column\]\[n\].
+pub type Response = Vec<Vec<f64>>;
+
+/// B of a unit source (1 W m⁻² on a surface facing it) at `theta` (radians) for every sample,
+/// ρ̂(θ − α, θo′); 0 for samples that no channel has.
 ///
 /// A mirror's delta is not resolved by samples; its part of the response is left out.
-pub fn unit_response(samples: &Samples, brdf: &dyn Brdf, theta: WorldAngle) -> Vec<Vec<f64>> {
+pub fn unit_response(samples: &Samples, brdf: &dyn Brdf, theta: f64) -> Response {
+    let theta = WorldAngle::radians(theta);
     samples
         .columns
         .par_iter()
         .map(|column| {
+            let seen = |i: usize| column.variance.iter().any(|v| v[i].is_finite());
             column
                 .alpha
                 .iter()
-                .map(|&alpha| {
+                .enumerate()
+                .map(|(i, &alpha)| {
                     let incident = theta - NormalAngle::radians(alpha);
                     let cosine = incident.visible_cosine();
-                    if cosine > 0.0 {
+                    if cosine > 0.0 && seen(i) {
                         brdf.value(incident, column.local) * cosine
                     } else {
                         0.0
@@ -31,6 +40,18 @@ pub fn unit_response(samples: &Samples, brdf: &dyn Brdf, theta: WorldAngle) -> V
                 .collect()
         })
         .collect()
+}
+
+/// The derivative of [`unit_response`] by the direction, per radian.
+pub fn response_derivative(samples: &Samples, brdf: &dyn Brdf, theta: f64) -> Response {
+    let mut derivative = unit_response(samples, brdf, theta + DIFFERENCE);
+    let before = unit_response(samples, brdf, theta - DIFFERENCE);
+    for (column, before) in derivative.iter_mut().zip(before) {
+        for (d, b) in column.iter_mut().zip(before) {
+            *d = (*d - b) / (2.0 * DIFFERENCE);
+        }
+    }
+    derivative
 }
 
 /// Σ w f g over the samples of `channel`.

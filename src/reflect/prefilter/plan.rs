@@ -1,8 +1,8 @@
 //! The choice of the way: predicted error against predicted cost, for several splits of the light and of
 //! the BRDF.
 //!
-//! Error and cost are computed at nine exitant angles, dense towards grazing; a column between two of
-//! them takes the more demanding setting of both.
+//! Error and cost are predicted at nine exitant angles, dense towards grazing; a column between two of them takes the
+//! more demanding setting of both. When it is computed, its own spectrum decides on its order and states its error.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,8 +10,9 @@ use rayon::prelude::*;
 
 use super::super::product::sufficient_order;
 use super::Options;
-use super::offers::{EVALUATE, MOST_POINTS, Offer, Probe, Task, offers, probe, worse};
+use super::offers::{EVALUATE, MOST_POINTS, Offer, Probe, Task, beyond, offers, probe, worse};
 use super::peaks::{Parted, Stretch, part};
+use super::ways::Column;
 use crate::angle::LocalAngle;
 use crate::brdf::Material;
 use crate::error::{Error, Result};
@@ -30,13 +31,13 @@ pub enum Path {
         points: usize,
     },
     /// `order` coefficients for what is left when the lobe is cut out within `half_width` (radians) of
-    /// the mirror direction, and an integral over the lobe with nodes `step` apart.
+    /// the mirror direction, and an integral over the lobe that is exact in the light.
     Split {
         /// The largest frequency of the smooth part.
         order: usize,
         /// Half the length of the integral, radians.
         half_width: f64,
-        /// Spacing of pairs of nodes, radians.
+        /// Step in which the lobe's first and second integrals are tabulated, radians.
         step: f64,
     },
 }
@@ -166,6 +167,8 @@ pub struct Plan {
     /// Per channel the spectrum of `rest`, as long as any path needs.
     pub spectra: Vec<Series>,
     pub choices: Vec<Choice>,
+    /// What the columns of each channel are computed from.
+    pub columns: Vec<Vec<Column>>,
     pub considered: Vec<Considered>,
 }
 
@@ -183,14 +186,9 @@ pub fn plan(
     options: &Options,
 ) -> Result<Plan> {
     let tolerance = options.tolerance;
-    let lobe = material
-        .brdfs
-        .iter()
-        .map(|b| b.lobe_width())
-        .fold(1.0, f64::min);
     let parted: Vec<Parted> = PEAK_LEVELS
         .iter()
-        .map(|&level| part(lighting, level, lobe))
+        .map(|&level| part(lighting, level))
         .collect();
     let highest = sufficient_order(lighting).clamp(1, MOST_POINTS / 8);
     let places = probe_places(grid);
@@ -240,7 +238,14 @@ pub fn plan(
         }
         let arranged = setting.arrange(parted);
         for ways in Ways::ALL {
-            let choices = setting.choices(&arranged, ways);
+            let made = setting.choices(&arranged, ways);
+            let (choices, columns): (Option<Vec<Choice>>, Vec<Vec<Column>>) = match made {
+                Some(made) => {
+                    let (choices, columns) = made.into_iter().unzip();
+                    (Some(choices), columns)
+                }
+                None => (None, Vec::new()),
+            };
             let prediction = choices.as_deref().map(Prediction::of);
             considered.push(Considered {
                 peaks,
@@ -256,6 +261,7 @@ pub fn plan(
                     stretches: arranged.parted.stretches.clone(),
                     spectra: arranged.spectra.clone(),
                     choices,
+                    columns,
                     considered: Vec::new(),
                 };
                 best = Some((cost, plan));
@@ -263,13 +269,19 @@ pub fn plan(
         }
     }
     let best = best.map(|(_, plan)| Plan { considered, ..plan });
-    best.ok_or_else(|| {
-        Error::failed(format!(
-            "no way of prefiltering keeps the error below {tolerance} of the mean light field"
-        ))
-        .advice("Ask for a larger tolerance, or give bright small lights as sources.")
-    })
+    best.ok_or_else(|| not_kept(tolerance))
 }
+
+/// No way is good enough.
+pub fn not_kept(tolerance: f64) -> Error {
+    Error::failed(format!(
+        "no way of prefiltering keeps the error below {tolerance} of the mean light field"
+    ))
+    .advice("Ask for a larger tolerance, or give bright small lights as sources.")
+}
+
+/// Share of the allowed error that the peaks' integrals may have.
+const PEAKS_SHARE: f64 = 0.05;
 
 /// What all ways of taking the light apart have in common.
 struct Setting<'a> {
@@ -290,12 +302,20 @@ struct Arranged {
     spectra: Vec<Series>,
     /// \[channel\]\[probe\]\[way\], in a fixed order of the ways.
     offers: Vec<Vec<Vec<Option<Offer>>>>,
+    /// Per channel a bound of the error of the peaks' integrals, W m⁻² sr⁻¹.
+    peaks: Vec<f64>,
     /// Evaluations of the BRDF per cell for sources and peaks.
     nodes: usize,
 }
 
 impl Setting<'_> {
-    fn arrange(&self, parted: Parted) -> Arranged {
+    fn arrange(&self, mut parted: Parted) -> Arranged {
+        let mut peaks = Vec::new();
+        for (c, brdf) in self.material.brdfs.iter().enumerate() {
+            let allowed = PEAKS_SHARE * self.tolerance * self.levels[c];
+            let locals = self.probes[c].iter().map(|p| p.local);
+            peaks.push(parted.resolve(c, brdf.as_ref(), locals, allowed));
+        }
         let stretched: usize = parted.stretches.iter().map(Stretch::nodes).sum();
         let mut spectra = Vec::new();
         let mut all = Vec::new();
@@ -306,7 +326,7 @@ impl Setting<'_> {
                 channel: c,
                 light: &light,
                 brdf: brdf.as_ref(),
-                allowed: self.tolerance * self.levels[c],
+                allowed: (1.0 - PEAKS_SHARE) * self.tolerance * self.levels[c],
             };
             let probes = self.probes[c].iter();
             all.push(
@@ -318,6 +338,7 @@ impl Setting<'_> {
         }
         Arranged {
             nodes: self.lighting.sources.len() + stretched,
+            peaks,
             parted,
             spectra,
             offers: all,
@@ -325,26 +346,74 @@ impl Setting<'_> {
     }
 
     /// The cheapest columns of all channels; `None` if the error cannot be kept.
-    fn choices(&self, arranged: &Arranged, ways: Ways) -> Option<Vec<Choice>> {
+    fn choices(&self, arranged: &Arranged, ways: Ways) -> Option<Vec<(Choice, Vec<Column>)>> {
         let direct = (arranged.nodes * self.grid.normals / 2) as f64 * EVALUATE;
-        let channels = self.material.channels.iter().zip(&arranged.offers);
-        channels
-            .zip(self.levels)
-            .map(|((channel, offers), &level)| {
-                let columns = columns(self.grid, self.places, offers, ways)?;
-                let bound = columns.iter().fold(0.0f64, |m, o| m.max(o.0.bound));
-                Some(Choice {
-                    channel: channel.clone(),
-                    level,
-                    peaks: arranged.parted.peaks,
-                    nodes: arranged.nodes,
-                    peak_share: arranged.parted.share,
-                    bound: if level > 0.0 { bound / level } else { 0.0 },
-                    cost: columns.iter().map(|o| o.1 + direct).sum::<f64>() * 1e-9,
-                    columns: columns.into_iter().map(|o| o.0).collect(),
-                })
-            })
-            .collect()
+        let one = |(c, channel): (usize, &String)| {
+            let level = self.levels[c];
+            let peaks = arranged.peaks[c];
+            if peaks > PEAKS_SHARE * self.tolerance * level {
+                return None;
+            }
+            let columns = self.columns(arranged, c, ways)?;
+            let bound = columns.iter().fold(0.0f64, |m, o| m.max(o.0.plan.bound)) + peaks;
+            let choice = Choice {
+                channel: channel.clone(),
+                level,
+                peaks: arranged.parted.peaks,
+                nodes: arranged.nodes,
+                peak_share: arranged.parted.share,
+                bound: if level > 0.0 { bound / level } else { 0.0 },
+                cost: columns.iter().map(|o| o.1 + direct).sum::<f64>() * 1e-9,
+                columns: columns.iter().map(|o| o.0.plan).collect(),
+            };
+            Some((choice, columns.into_iter().map(|o| o.0).collect()))
+        };
+        self.material.channels.iter().enumerate().map(one).collect()
+    }
+
+    /// The cheapest way for every column of a channel with its cost (ns), from what the probes offer; `None` if
+    /// there is one without any.
+    fn columns(&self, arranged: &Arranged, c: usize, ways: Ways) -> Option<Vec<(Column, f64)>> {
+        let (offers, places) = (&arranged.offers[c], self.places);
+        let peaks = arranged.peaks[c];
+        let light = &arranged.spectra[c];
+        let band = arranged.parted.rest.band();
+        let ends = band.is_some_and(|band| band <= light.order());
+        let one = |j: usize| {
+            let right = places.partition_point(|&p| p < j).min(places.len() - 1);
+            let left = right.saturating_sub(usize::from(places[right] != j));
+            let combined = offers[left].iter().zip(&offers[right]).enumerate();
+            let (way, best) = combined
+                .filter_map(|(way, (a, b))| Some((way, worse((*a)?, (*b)?))))
+                .filter(|(_, offer)| ways.allows(offer.path))
+                .min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
+            let order = best.path.order();
+            let seen = match best.path {
+                Path::Product { points, .. } => points / 4,
+                Path::Split { .. } => 2 * order + 8,
+            }
+            .min(self.highest);
+            let spectrum = |probe: &Probe| -> f64 {
+                let cut = way.checked_sub(1).and_then(|k| probe.cut.get(k)?.as_ref());
+                let transfer = cut.map_or(&probe.whole, |cut| &cut.rest);
+                let after = light.coefficients.iter().zip(transfer).skip(seen + 1);
+                let tail: f64 = after.map(|(l, h)| 2.0 * l.norm() * h).sum();
+                tail + if ends { 0.0 } else { beyond(light, transfer) }
+            };
+            let beyond = [left, right].map(|k| spectrum(&self.probes[c][k]));
+            let column = Column {
+                plan: ColumnPlan {
+                    local: self.grid.local(j),
+                    path: best.path,
+                    bound: best.bound + peaks,
+                },
+                quadrature: best.quadrature + peaks,
+                seen,
+                beyond: beyond[0].max(beyond[1]),
+            };
+            Some((column, best.cost))
+        };
+        (0..self.grid.locals).map(one).collect()
     }
 }
 
@@ -360,31 +429,4 @@ fn probe_places(grid: Grid) -> Vec<usize> {
         .collect();
     places.dedup();
     places
-}
-
-/// The cheapest way for every column with its cost (ns), from what the probes at `places` offer; `None` if
-/// there is one without any.
-fn columns(
-    grid: Grid,
-    places: &[usize],
-    offers: &[Vec<Option<Offer>>],
-    ways: Ways,
-) -> Option<Vec<(ColumnPlan, f64)>> {
-    (0..grid.locals)
-        .map(|j| {
-            let right = places.partition_point(|&p| p < j).min(places.len() - 1);
-            let left = right.saturating_sub(usize::from(places[right] != j));
-            let combined = offers[left].iter().zip(&offers[right]);
-            let best = combined
-                .filter_map(|(a, b)| Some(worse((*a)?, (*b)?)))
-                .filter(|offer| ways.allows(offer.path))
-                .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-            let plan = ColumnPlan {
-                local: grid.local(j),
-                path: best.path,
-                bound: best.bound,
-            };
-            Some((plan, best.cost))
-        })
-        .collect()
 }

@@ -4,9 +4,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use rayon::prelude::*;
 
-use super::{Prefiltered, direct_value};
-use crate::angle::{LocalAngle, NormalAngle, WorldAngle, wrap};
-use crate::geometry::ViewGeometry;
+use super::{Prefiltered, Viewpoint, direct_value};
+use crate::angle::{LocalAngle, NormalAngle, wrap};
 
 /// Half the height of the band of a sphere that is drawn, radians (5°).
 const BAND: f64 = 0.0873;
@@ -62,18 +61,17 @@ impl Prefiltered {
     }
 
     /// The object as a camera sees it, one value per pixel and channel, \[channel\]\[row-major pixel\],
-    /// W m⁻² sr⁻¹; 0 beside the object. `orbit` is the direction to the camera in the light's frame.
+    /// W m⁻² sr⁻¹; 0 beside the object.
     ///
     /// A pixel shows the light field at the (α, θo′) of its centre. That is exact on the cross-section; a
     /// cylinder's rows differ from it by the square of their elevation, and of a sphere only the band of
     /// ±5° about its measurement plane is drawn.
-    pub fn view(
-        &self,
-        geometry: &ViewGeometry,
-        orbit: WorldAngle,
-        size: [usize; 2],
-    ) -> Vec<Vec<f64>> {
-        let [width, height] = size;
+    pub fn view(&self, from: &Viewpoint) -> Vec<Vec<f64>> {
+        let Viewpoint {
+            orbit,
+            geometry,
+            size: [width, height],
+        } = from;
         let pixels: Vec<Option<(NormalAngle, LocalAngle)>> = (0..width * height)
             .into_par_iter()
             .map(|k| {

@@ -6,30 +6,53 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use num_complex::Complex64;
 
 use super::super::panels::{for_each_node, panel_ends};
+use super::integrals::Integrals;
+use super::offers::{Task, shortest};
 use super::plan::{ColumnPlan, Path};
-use crate::angle::{LocalAngle, NormalAngle};
+use crate::angle::LocalAngle;
 use crate::brdf::Brdf;
 use crate::fourier::{CircleTransform, Series};
-use crate::lighting::Lighting;
 
-/// B(α, θo′) of one column at the transform's angles, without sources, peaks and mirror.
+/// A column as it is planned, and what its own spectrum cannot tell.
+#[derive(Clone, Debug)]
+pub struct Column {
+    pub plan: ColumnPlan,
+    /// Bound of the errors of all quadratures, W m⁻² sr⁻¹.
+    pub quadrature: f64,
+    /// Largest frequency that is computed, and a bound of Σ 2|L_p||H_p| above it.
+    pub seen: usize,
+    pub beyond: f64,
+}
+
+/// B(α, θo′) of one column at the transform's angles, without sources, peaks and mirror; and the order that its own spectrum
+/// asks for, with the bound of its error.
 pub fn column(
-    rest: &Lighting,
-    channel: usize,
-    light: &Series,
-    brdf: &dyn Brdf,
-    plan: &ColumnPlan,
+    task: &Task,
+    column: &Column,
+    bends: &[f64],
     transform: &CircleTransform,
-) -> Vec<f64> {
-    let local = plan.local;
-    let product = |row: Vec<Complex64>| {
-        let coefficients = light.coefficients.iter().zip(row).map(|(l, h)| l * h);
-        transform.synthesise(&Series {
-            coefficients: coefficients.collect(),
-        })
+) -> (Vec<f64>, ColumnPlan) {
+    let Task {
+        rest,
+        channel,
+        light,
+        brdf,
+        allowed,
+    } = *task;
+    let local = column.plan.local;
+    let product = |row: &[Complex64], quadrature: f64| {
+        let sizes: Vec<f64> = row.iter().map(|h| h.norm()).collect();
+        let all = (row.len() - 1, column.beyond);
+        let left = allowed - quadrature;
+        let (order, tail) = shortest(light, &sizes, column.beyond, left).unwrap_or(all);
+        let coefficients = light.coefficients.iter().zip(row).take(order + 1);
+        let values = transform.synthesise(&Series {
+            coefficients: coefficients.map(|(l, h)| l * h).collect(),
+        });
+        (values, order, tail + quadrature)
     };
-    match plan.path {
-        Path::Product { order, points } => {
+    match column.plan.path {
+        Path::Product { points, .. } => {
             let circle = CircleTransform::new(points, -PI);
             let samples: Vec<f64> = (0..points)
                 .map(|k| match circle.angle(k) {
@@ -37,34 +60,31 @@ pub fn column(
                     _ => 0.0,
                 })
                 .collect();
-            let series = circle.analyse(&samples, order);
-            product(series.coefficients.iter().map(|c| TAU * c.conj()).collect())
+            let series = circle.analyse(&samples, column.seen);
+            let row: Vec<Complex64> = series.coefficients.iter().map(|c| TAU * c.conj()).collect();
+            let (values, order, bound) = product(&row, column.quadrature);
+            let path = Path::Product { order, points };
+            (values, ColumnPlan { local, path, bound })
         }
         Path::Split {
-            order,
-            half_width,
-            step,
+            half_width, step, ..
         } => {
             let patch = Patch::new(brdf, local, half_width);
-            let mut column = product(row(brdf, local, order, &patch));
-            let pairs = ((patch.to - patch.from) / step).ceil().max(1.0);
-            let width = (patch.to - patch.from) / pairs;
-            let nodes: Vec<(f64, f64)> = (0..2 * pairs as usize)
-                .map(|k| {
-                    // The two Gauss nodes of each step.
-                    let side = if k % 2 == 0 { -1.0 } else { 1.0 };
-                    let middle = patch.from + ((k / 2) as f64 + 0.5) * width;
-                    let a = middle + side * width / (2.0 * 3f64.sqrt());
-                    (a, width / 2.0 * patch.lobe(brdf, a, local))
-                })
-                .collect();
-            for (i, b) in column.iter_mut().enumerate() {
-                let normal = NormalAngle::radians(transform.angle(i));
-                for &(a, weight) in &nodes {
-                    *b += weight * rest.density(channel, normal + LocalAngle::radians(a));
-                }
+            let lobe = |a: f64| patch.lobe(brdf, a, local);
+            let lobe = Integrals::new(lobe, [patch.from, patch.to], &brdf.kinks(local), step);
+            let quadrature = column.quadrature.max(lobe.bound(bends));
+            let (mut values, order, bound) =
+                product(&row(brdf, local, column.seen, &patch), quadrature);
+            let table = rest.table.get(channel).map_or(&[][..], Vec::as_slice);
+            for (i, b) in values.iter_mut().enumerate() {
+                *b += lobe.with(table, bends, transform.angle(i));
             }
-            column
+            let path = Path::Split {
+                order,
+                half_width,
+                step,
+            };
+            (values, ColumnPlan { local, path, bound })
         }
     }
 }

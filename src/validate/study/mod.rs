@@ -9,7 +9,8 @@
 //! Only *determined* quantities: those whose status is [`Status::Determined`](crate::recover::Status) in every draw.
 //!
 //! * `lighting`: the real and the imaginary parts of L_p. The truth's coefficients, sources included, are exact.
-//! * `brdf`: the values of ρ̃ = ρ cos θi′ cos θo′ at the cells of a half × half grid of angles.
+//! * `brdf`: the values of ρ̃ = ρ cos θi′ cos θo′ at the cells of a half × half grid of angles; if none is determined, as under
+//!   light without detail, the real and the imaginary parts of ρ̃_{p,q}, p ≤ 16.
 //! * `both`: the parts of L_p, p ≥ 1, in the scale L_0 = 1.
 //!
 //! # What is reported
