@@ -64,7 +64,9 @@ fn prefiltering(criterion: &mut Criterion) {
     let integral = start.elapsed().as_secs_f64();
     let runs = 20;
     let start = Instant::now();
-    let made = (0..runs).filter_map(|_| black_box(table()).ok()).last();
+    let made = (0..runs)
+        .map(|_| black_box(table()))
+        .fold(None, |_, made| made.ok());
     let prefilter = start.elapsed().as_secs_f64() / f64::from(runs);
     let Some(made) = made else { return };
     let difference = made.value[0]

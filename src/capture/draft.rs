@@ -238,7 +238,7 @@ fn write_draft(
     };
     writeln!(
         out,
-        "encoding = \"{encoding}\"  # linear | srgb | gamma:2.2 | response:FILE.csv"
+        "encoding = \"{encoding}\"  # linear | srgb | gamma:2.2 | response:FILE.csv | recover"
     )?;
     if let Storage::Integer { .. } = first.storage {
         to_do.push(format!(

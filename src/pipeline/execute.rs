@@ -10,6 +10,7 @@ use super::advice;
 use super::explain;
 use super::fit;
 use super::joint;
+use super::lean;
 use super::material;
 use super::measure::{Measured, measure};
 use super::orbit::{OrbitRefinement, refine_orbit, turn};
@@ -62,6 +63,9 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     };
     if let (Some(orbit), Some(light)) = (&orbit, &mut recovered.lighting) {
         turn(light, orbit.mean_sigma_deg.to_radians());
+    }
+    if let Some(light) = &mut recovered.lighting {
+        lean::scale(light, measured.scale_sigma);
     }
     let mut warnings = measured.warnings.clone();
     warnings.append(&mut recovered.warnings);

@@ -13,6 +13,7 @@ use crate::angle::{WorldAngle, wrap};
 use crate::geometry::{Settled, ViewGeometry};
 use crate::light_field::{MeasuredLine, Samples, Systematic};
 use crate::radiance::Radiance;
+use crate::recover::lighting::LightingEstimate;
 
 /// Lean (radians) below which it is left alone: 0.1°, where 2 % have become 2e-4.
 const LEAST: f64 = 1.7e-3;
@@ -231,32 +232,46 @@ impl Lean {
         )
     }
 
-    /// What the correction leaves: a part of itself, and what the lean does to the diffuse, t²/2 of everything. From the
-    /// samples with and without it.
-    pub fn systematics(&self, upright: &Samples, leaning: &Samples) -> Vec<Systematic> {
+    /// What the lean does to all light alike, relative: cosines of normals that leave the plane are short by up to t²/2.
+    pub fn scale_sigma(&self) -> f64 {
         let [x, y] = self.axis;
-        let diffuse = 0.5 * (x * x + y * y);
-        let build = |name: &str, change: &dyn Fn(f64, f64) -> f64| Systematic {
-            name: name.into(),
-            change: (0..upright.channels.len())
-                .map(|c| {
-                    let columns = upright.columns.iter().zip(&leaning.columns);
-                    columns
-                        .map(|(a, b)| {
-                            (0..a.value[c].len())
-                                .map(|i| {
-                                    let before = b.value[c].get(i).copied();
-                                    change(a.value[c][i], before.unwrap_or(a.value[c][i]))
-                                })
-                                .collect()
-                        })
-                        .collect()
-                })
-                .collect(),
-        };
-        vec![
-            build("lean of the cylinder's axis", &|a, b| SHARE * (a - b)),
-            build("normals out of the plane", &|a, _| diffuse * a),
-        ]
+        0.5 * (x * x + y * y)
+    }
+}
+
+/// The correction's own error, from the samples with and without it.
+pub fn systematic(upright: &Samples, leaning: &Samples) -> Systematic {
+    let change = (0..upright.channels.len()).map(|c| {
+        let columns = upright.columns.iter().zip(&leaning.columns);
+        columns
+            .map(|(a, b)| {
+                let before = |i: usize| b.value[c].get(i).copied();
+                let values = a.value[c].iter().enumerate();
+                values
+                    .map(|(i, a)| SHARE * (a - before(i).unwrap_or(*a)))
+                    .collect()
+            })
+            .collect()
+    });
+    Systematic {
+        name: "lean of the cylinder's axis".into(),
+        change: change.collect(),
+    }
+}
+
+/// Adds to a recovered light's σ that all of it may be wrong by the factor 1 ± `sigma`.
+pub fn scale(lighting: &mut LightingEstimate, sigma: f64) {
+    for channel in &mut lighting.channels {
+        for l in &mut channel.spectrum {
+            l.sigma = l.sigma.hypot(l.value.norm() * sigma);
+        }
+        for (s, l) in channel.table_sigma.iter_mut().zip(&channel.table) {
+            *s = s.hypot(l * sigma);
+        }
+    }
+    for source in &mut lighting.sources {
+        for (s, e) in source.irradiance_sigma.iter_mut().zip(&source.irradiance) {
+            *s = s.hypot(e * sigma);
+        }
     }
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::lean::{Lean, LeaningView, Slant};
+use super::lean::{self, Lean, LeaningView, Slant};
 use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
@@ -52,6 +52,8 @@ pub struct Measured {
     pub samples: Samples,
     /// Errors of the geometry that all samples have in common.
     pub systematics: Vec<Systematic>,
+    /// By how much, relative, all light may be wrong because the object leans.
+    pub scale_sigma: f64,
     /// Number of pixels behind each sample, \[column\]\[n\].
     pub pixels: Vec<Vec<f32>>,
     /// The same on the grid, for people and files.
@@ -205,7 +207,7 @@ pub fn measure(
             steady(&mut uncorrected, jitter);
         }
         let uncorrected = gather(channels, &locals, &uncorrected, &outline_sigma);
-        systematics.extend(lean.systematics(&samples, &uncorrected.samples));
+        systematics.push(lean::systematic(&samples, &uncorrected.samples));
         let corrected = read.iter().filter(|v| v.slant.is_some()).count();
         seen.push(lean.warning(corrected, read.len()));
     }
@@ -230,6 +232,7 @@ pub fn measure(
         .concat(),
         samples,
         systematics,
+        scale_sigma: lean.as_ref().map_or(0.0, Lean::scale_sigma),
         pixels,
         field,
         limb_cut,
