@@ -22,13 +22,15 @@ fn light() -> Lighting {
         .plus(&Lighting::uniform(channels, &[0.04, 0.045, 0.055]))
 }
 
-fn run(set: &str, scale: &str) -> Run {
+/// Of a set's views the first `views`.
+fn run(set: &str, views: usize, scale: &str) -> Run {
     let text = format!("format = 1\nrecover = \"both\"\n{scale}\n");
     let recipe = Recipe::parse(&text, Path::new("recipe.toml"), Path::new(".")).expect("a recipe");
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("testdata")
         .join(set);
-    let capture = Capture::read(&folder).expect("a capture");
+    let mut capture = Capture::read(&folder).expect("a capture");
+    capture.views.truncate(views);
     execute(&recipe, &capture, &Silent).expect("a run")
 }
 
@@ -70,22 +72,23 @@ fn brdf_error(run: &Run, c: usize, truth: &dyn Brdf) -> f64 {
 
 /// A gold cylinder under two suns and a fill, nothing known but the total irradiance.
 ///
-/// Promised is 0.5 % of the lighting up to p = 12. Red and green keep it; blue, where gold is dark at the
-/// mirror direction and bright at grazing, so that more of the lobe lies beyond the limb cut, comes to 0.6 %.
+/// Promised is 0.5 % of the lighting up to p = 12. Blue, where gold is dark at the mirror direction and bright at grazing, so
+/// that more of the lobe lies beyond the limb cut, is the hardest: 0.16 %.
 #[test]
 fn a_metal_under_two_suns_gives_light_and_material() {
     let total: Vec<f64> = (0..3).map(|c| light().total_irradiance(c)).collect();
     let run = run(
         "ggx02-two-suns",
+        72,
         &format!("[scale]\ntotal_irradiance = {total:?}"),
     );
     let recipe = "model = 'ggx-conductor'\nalpha = 0.2\neta = [0.1431, 0.3749, 1.4424]\nk = [3.9831, 2.3857, 1.6032]";
     let truth = Model::from_table(&recipe.parse().expect("TOML"))
         .and_then(|m| m.material(&run.channels, Path::new(".")))
         .expect("gold");
-    for (c, most) in [5e-3, 5e-3, 8e-3].into_iter().enumerate() {
+    for c in 0..3 {
         let (error, scale) = lighting_error(&run, c, &light(), 12);
-        assert!(error < most, "channel {c}: {error}");
+        assert!(error < 5e-3, "channel {c}: {error}");
         assert!((scale - 1.0).abs() < 0.01, "channel {c}: {scale}");
         let rms = brdf_error(&run, c, truth.brdfs[c].as_ref());
         assert!(rms < 3e-3, "channel {c}: {rms}");
@@ -124,7 +127,7 @@ fn a_metal_under_two_suns_gives_light_and_material() {
 /// A diffuse surface passes hardly any odd frequency of the light (eq. 22): they are named, not invented.
 #[test]
 fn a_lambertian_surface_leaves_odd_frequencies_undetermined() {
-    let run = run("lambertian-smooth", "");
+    let run = run("lambertian-smooth", 36, "");
     for channel in &run.lighting.as_ref().expect("a light").channels {
         for (p, l) in channel.spectrum.iter().enumerate() {
             if p > 1 && p % 2 == 1 {
@@ -133,4 +136,44 @@ fn a_lambertian_surface_leaves_odd_frequencies_undetermined() {
         }
     }
     assert!(run.gauge.iter().all(|g| g.scale.contains("convention")));
+    // Hardly anything of the light is determined without a model; with one the surface is recognised.
+    for gauge in &run.gauge {
+        let models = gauge.parametric.as_ref().expect("models");
+        assert_eq!(models.fits[0].model, "lambertian", "{}", gauge.channel);
+        assert_eq!(models.fits[0].lighting[3].status, Status::Indeterminate);
+    }
+}
+
+/// A gold cylinder from a third of the circle: most of the light was never seen, and what is called determined is right.
+#[test]
+fn views_over_a_third_of_the_circle_leave_the_light_open() {
+    let total: Vec<f64> = (0..3).map(|c| light().total_irradiance(c)).collect();
+    let run = run(
+        "ggx02-two-suns",
+        24,
+        &format!("[scale]\ntotal_irradiance = {total:?}"),
+    );
+    for (c, channel) in run
+        .lighting
+        .as_ref()
+        .expect("a light")
+        .channels
+        .iter()
+        .enumerate()
+    {
+        let truth = light().series(c, channel.spectrum.len());
+        for (p, l) in channel.spectrum.iter().enumerate().skip(1) {
+            let off = (l.value - truth.get(p as i64)).norm();
+            assert!(
+                l.status == Status::Indeterminate || off < 5.0 * 2f64.sqrt() * l.sigma,
+                "channel {c}, p = {p}: {off}, {l:?}"
+            );
+        }
+        let open = run.gauge[c].undetermined.len();
+        assert!(
+            2 * open > channel.spectrum.len(),
+            "{:?}",
+            run.gauge[c].undetermined
+        );
+    }
 }

@@ -214,16 +214,15 @@ fn line_not_in_image(left: [f64; 2], right: [f64; 2], radiance: &Radiance) -> Er
 }
 
 /// |θo′| (radians) up to which samples are used unless the recipe says otherwise: where a pixel
-/// covers less than 1.5° of θo′, and at most 85°. Beyond, the samples' slopes are no longer resolved and
-/// an error of the centre of a hundredth of a pixel shows.
-pub fn automatic_limb_cut(geometry: &ViewGeometry) -> f64 {
-    const FOOTPRINT: f64 = 1.5;
+/// covers less than `footprint` degrees of θo′ (1.5 as a rule), and at most 85°. Beyond, the samples' slopes are no longer
+/// resolved and an error of the centre of a hundredth of a pixel shows.
+pub fn automatic_limb_cut(geometry: &ViewGeometry, footprint: f64) -> f64 {
     const LARGEST: f64 = 85.0;
     let [left, right] = Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel));
     let pixel = match (left, right) {
         (Some(l), Some(r)) => 2.0 / (r[0] - l[0]).hypot(r[1] - l[1]).max(2.0),
         _ => 1.0,
     };
-    let cosine = (pixel / FOOTPRINT.to_radians()).min(0.9);
+    let cosine = (pixel / footprint.to_radians()).min(0.9);
     cosine.acos().min(LARGEST.to_radians())
 }

@@ -22,13 +22,20 @@ use crate::capture::Capture;
 use crate::error::{Error, Result};
 use crate::recover::{Status, brdf, factorise, lighting};
 
+/// Degrees of θo′ per pixel up to which the samples' slopes are resolved.
+const FOOTPRINT: f64 = 1.5;
+
 /// Runs a recipe on a capture.
 ///
 /// # Errors
 /// Whatever is wrong with photos, recipe or their combination; nothing is written.
 pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> Result<Run> {
     let mut clock = Clock::new();
-    let mut measured = measure(capture, &recipe.light_field, progress)?;
+    let footprint = match recipe.recover {
+        Recover::Both => joint::FOOTPRINT,
+        _ => FOOTPRINT,
+    };
+    let mut measured = measure(capture, &recipe.light_field, footprint, progress)?;
     clock.lap("photos to light field");
     let orbit = refine_orbit(&mut measured, recipe, capture)?;
     if orbit.is_some() {
@@ -175,7 +182,10 @@ impl Task<'_> {
             scale: recipe.scale.resolve(&samples.channels)?,
             refine: true,
         };
-        let mut found = factorise::recover(samples, &options)?;
+        let widened = joint::with_model_error(samples);
+        let mut found = factorise::recover(&widened, &options)?;
+        let parametric = joint::parametric(&found, &widened, &options.scale);
+        drop(widened);
         clock.lap("factorisation");
         self.progress.step();
         // The slice under the light that is determined, from what that light did.
@@ -209,6 +219,9 @@ impl Task<'_> {
         recovered.brdf = Some(estimate);
         recovered.models = models;
         recovered.gauge = joint::gauge(&found);
+        for (gauge, models) in recovered.gauge.iter_mut().zip(parametric) {
+            gauge.parametric = models;
+        }
         Ok(recovered)
     }
 

@@ -244,6 +244,14 @@ fn about_gauge(gauge: &ChannelGauge, recipe: &Recipe) -> Vec<String> {
             gauge.components.len()
         ));
     }
+    if let Some(models) = &gauge.parametric
+        && let Some(best) = models.fits.first()
+    {
+        said.push(format!(
+            "Channel {name}: {} Of the analytic models fitted to the light field with the light unknown, {} explains it best; summary.json has its parameters and the light that goes with it.",
+            models.reason, best.model
+        ));
+    }
     said
 }
 

@@ -80,13 +80,15 @@ struct ReadView {
     preview: Option<Preview>,
 }
 
-/// Measures the light field of a capture.
+/// Measures the light field of a capture. Where the recipe leaves the limb cut open, samples are used up to where a pixel covers
+/// `footprint` degrees of θo′.
 ///
 /// # Errors
 /// If a photo cannot be read or does not show the measured line, or channels differ between views.
 pub fn measure(
     capture: &Capture,
     options: &LightFieldOptions,
+    footprint: f64,
     progress: &dyn Progress,
 ) -> Result<Measured> {
     let (capture, response) = radiance::resolved(capture)?;
@@ -131,7 +133,7 @@ pub fn measure(
     let poses = &settled.poses;
     let limb_cut = match options.limb_cut_deg {
         Some(degrees) => degrees.to_radians(),
-        None => automatic_limb_cut(&nominal(0)),
+        None => automatic_limb_cut(&nominal(0), footprint),
     };
     let cells = Grid {
         normals: options.normals,

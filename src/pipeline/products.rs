@@ -256,6 +256,7 @@ fn gauge_summary(gauge: &ChannelGauge) -> serde_json::Value {
         "converged": gauge.converged,
         "difference_of_eigenproblem": gauge.eigenproblem_difference,
         "difference_of_eq_29": gauge.ratios_difference,
+        "parametric": gauge.parametric,
     })
 }
 

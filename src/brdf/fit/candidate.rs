@@ -39,10 +39,10 @@ struct Slot {
 
 /// ρ = lambert/π + scale · ρ_family(values).
 #[derive(Debug)]
-struct Layered {
-    lambert: f64,
-    scale: f64,
-    base: Arc<dyn Isotropic>,
+pub(super) struct Layered {
+    pub lambert: f64,
+    pub scale: f64,
+    pub base: Arc<dyn Isotropic>,
 }
 
 impl Brdf for Layered {
@@ -96,7 +96,8 @@ pub(super) struct Candidate {
     slots: Vec<Slot>,
 }
 
-fn geometric(low: f64, high: f64, n: usize) -> Vec<f64> {
+/// `n` ≥ 2 values from `low` to `high`, each the same factor from the next.
+pub(super) fn geometric(low: f64, high: f64, n: usize) -> Vec<f64> {
     (0..n)
         .map(|k| low * (high / low).powf(k as f64 / (n - 1) as f64))
         .collect()

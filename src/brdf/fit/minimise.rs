@@ -7,7 +7,7 @@ const MOST_ITERATIONS: usize = 60;
 
 /// Where the sum of squares is smallest.
 #[derive(Clone, Debug)]
-pub(super) struct Minimum {
+pub(crate) struct Minimum {
     /// The parameters.
     pub x: Vec<f64>,
     /// Sum of the squared residuals.

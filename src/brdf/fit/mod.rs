@@ -2,6 +2,7 @@
 
 mod candidate;
 mod minimise;
+mod shape;
 
 use std::sync::Arc;
 
@@ -12,6 +13,8 @@ use super::{Brdf, Lambertian, SliceTable};
 use crate::angle::LocalAngle;
 use crate::{Error, Result};
 use candidate::Candidate;
+pub(crate) use minimise::Minimum;
+pub(crate) use shape::Shape;
 
 /// One measured value of ρ.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -40,7 +40,7 @@
 //! knows nothing of smoothness, so it does not flatter a prior that is wrong.
 
 mod advice;
-mod basis;
+pub(super) mod basis;
 mod estimate;
 mod evidence;
 mod fit;

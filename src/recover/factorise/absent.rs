@@ -24,10 +24,11 @@ pub(super) fn lighting(
     let n = half.len();
     let rows = rows_of(&[frequency]);
     let weights = half.exponential(frequency as i64);
+    let weight = whitened.weight.get(frequency).copied().unwrap_or(1.0);
     let root2 = std::f64::consts::SQRT_2;
     let exponentials = Mat::from_fn(rows.len(), n, |i, k| {
         let value = if i == 0 { weights[k].re } else { weights[k].im };
-        root2 * value / whitened.root[k]
+        root2 * weight * value / whitened.root[k]
     });
     let in_basis = &exponentials * &pairs.u;
     let response = &in_basis * &posterior.mean;
@@ -42,7 +43,7 @@ pub(super) fn lighting(
         }
     }
     let data = Mat::from_fn(rows.len(), n, |i, k| {
-        whitened.precision[k].sqrt() * spectrum.values[(rows[i], k)]
+        weight * whitened.precision[k].sqrt() * spectrum.values[(rows[i], k)]
     }) * &pairs.u;
     let (mut power, mut noise, mut product) = (0.0, 0.0, Complex64::ZERO);
     for b in 0..n.min(pairs.rows()) {

@@ -7,6 +7,7 @@ use faer::{Mat, Side};
 use num_complex::Complex64;
 use rayon::prelude::*;
 
+use super::folded;
 use super::half_circle::HalfCircle;
 use crate::angle::wrap;
 use crate::error::{Error, Result};
@@ -27,6 +28,10 @@ pub(super) struct Spectrum {
     pub covariance: Vec<Covariance>,
     /// Whether samples were seen at the node (false: beyond the limb cut).
     pub seen: Vec<bool>,
+    /// What frequencies that are not resolved add to the variance of B_p at node k is `folds[p] · folded[k]`: \[P + 1\] …
+    pub folds: Vec<f64>,
+    /// … and \[N\].
+    pub folded: Vec<f64>,
 }
 
 /// Mean square difference of a spectrum and another in the real basis.
@@ -52,28 +57,6 @@ pub(super) enum Covariance {
 }
 
 impl Covariance {
-    /// Mean variance of the m values.
-    pub fn mean(&self) -> f64 {
-        match self {
-            Self::White(v) => *v,
-            Self::Full(c) => {
-                (0..c.nrows()).map(|i| c[(i, i)]).sum::<f64>() / c.nrows().max(1) as f64
-            }
-        }
-    }
-
-    /// Adds `variance` to every value.
-    fn add(&mut self, variance: f64) {
-        match self {
-            Self::White(v) => *v += variance,
-            Self::Full(c) => {
-                for i in 0..c.nrows() {
-                    c[(i, i)] += variance;
-                }
-            }
-        }
-    }
-
     /// Mean variance of the values of frequency `p`.
     pub fn at(&self, p: usize) -> f64 {
         match self {
@@ -196,6 +179,8 @@ impl Spectrum {
             values,
             covariance,
             seen,
+            folds: vec![0.0; order + 1],
+            folded: vec![0.0; half.len()],
         };
         spectrum.extrapolate(half);
         Ok(spectrum)
@@ -296,37 +281,39 @@ impl Spectrum {
             .collect()
     }
 
-    /// Adds to every column's variance what frequencies beyond those resolved would put onto frequencies up to `order`.
+    /// Adds to every column's variance what frequencies beyond those resolved would put onto those that are.
     ///
-    /// Sharp light on the kinks of ρ̂ at grazing angles gives B_p that fall off as 1/p² without end. With n = 2P + 1
-    /// views, n − p folds onto p; its power is taken from the last quarter of the resolved ones, by that law. (Where
-    /// the light is band-limited nothing but noise is there, and nothing is added.)
-    pub fn add_folded_variance(&mut self, order: usize) {
+    /// Sharp light on the kinks of ρ̂ at grazing angles gives B_p that fall off as 1/p² without end. Their power is taken
+    /// from the last quarter of the resolved frequencies, by that law. (Where the light is band-limited nothing but noise
+    /// is there, and nothing is added.)
+    pub fn add_folded_variance(&mut self) {
         let (first, last) = ((3 * self.order) / 4 + 1, self.order);
         if first > last {
             return;
         }
-        let views = (2 * self.order + 1) as f64;
-        let nearest = views - order as f64;
-        for k in 0..self.seen.len() {
-            if !self.seen[k] {
-                continue;
-            }
-            let (mut power, mut count) = (0.0, 0.0);
+        for k in (0..self.seen.len()).filter(|&k| self.seen[k]) {
+            let (mut kink, mut scatter, mut count) = (0.0, 0.0, 0.0);
             for p in first..=last {
-                let law = (p as f64 / nearest).powi(4);
+                let (law, noise) = ((p as f64).powi(4), self.covariance[k].at(p));
                 for i in [2 * p - 1, 2 * p] {
-                    power += law * (self.values[(i, k)].powi(2) - self.covariance[k].at(p));
+                    kink += law * (self.values[(i, k)].powi(2) - noise);
+                    scatter += 2.0 * (law * noise).powi(2);
                     count += 1.0;
                 }
             }
-            let folded = (power / count).max(0.0);
             // Excess below the scatter of the noise's own power is no excess.
-            let scatter = self.covariance[k].mean() * 3.0 * f64::sqrt(2.0 / count);
-            if folded > scatter {
-                self.covariance[k].add(folded);
+            if kink > 3.0 * scatter.sqrt() {
+                self.folded[k] = kink / count;
             }
         }
+        self.folds = (0..=self.order)
+            .map(|p| folded::power(p, 2 * self.order + 1))
+            .collect();
+    }
+
+    /// Variance of each of the two values of B_p at node `k`.
+    pub fn variance(&self, p: usize, k: usize) -> f64 {
+        self.covariance[k].at(p) + self.folds[p] * self.folded[k]
     }
 
     /// B_p at node `k`, complex, for any sign of p.
@@ -355,6 +342,8 @@ impl Spectrum {
             values: Mat::from_fn(size, self.values.ncols(), |i, k| self.values[(i, k)]),
             covariance,
             seen: self.seen.clone(),
+            folds: self.folds[..=order].to_vec(),
+            folded: self.folded.clone(),
         }
     }
 
@@ -364,7 +353,7 @@ impl Spectrum {
             .map(|p| {
                 let (mut sum, mut count) = (0.0, 0.0);
                 for k in (0..self.seen.len()).filter(|&k| self.seen[k]) {
-                    let variance = self.covariance[k].at(p);
+                    let variance = self.variance(p, k);
                     let rows = if p == 0 { 0..1 } else { 2 * p - 1..2 * p + 1 };
                     for i in rows {
                         sum += self.values[(i, k)].powi(2) / variance;

@@ -54,21 +54,25 @@
 //!
 //! Light that is not band-limited (a sun) leaves kinks in B(α) where it grazes; their frequencies n − p beyond those that
 //! the n views resolve fold onto p with about (p / (n − p))² of its amplitude. Where that rises above the noise of a
-//! column it is added to its variance; a fold below the noise of one column, but common to all, is not known of.
+//! column it is added to its variance; then the sources in the light that was found say what folds, and it is taken from the
+//! samples (`folded`, `sources`). What sharp light without sources folds, an edge of a wide lamp, stays a variance.
 //!
 //! Beyond the limb cut the guess that serves as a weak prior has the error that the same guess has inside the cut; where
 //! lobes change their character in the part that was never seen, σ is too small.
 
 mod absent;
 mod columns;
+mod folded;
 mod gauge;
 mod half_circle;
 mod pairs;
+mod parametric;
 mod posterior;
 mod ratio;
 mod refine;
 mod scale;
 mod slice;
+mod sources;
 mod spectral;
 #[cfg(test)]
 mod study;
@@ -82,7 +86,8 @@ use serde::{Deserialize, Serialize};
 
 use columns::Spectrum;
 use half_circle::HalfCircle;
-use pairs::Whitened;
+use pairs::{Pairs, Whitened};
+use sources::Sources;
 use spectral::Coefficients;
 
 use crate::angle::LocalAngle;
@@ -91,6 +96,7 @@ use crate::fourier::Series;
 use crate::light_field::Samples;
 use crate::lighting::Status;
 
+pub use parametric::{ParametricChannel, ParametricFit, parametric};
 pub use scale::Scale;
 
 /// The largest order that is fitted unless a band is asked for.
@@ -178,7 +184,8 @@ pub struct Channel {
 /// Factorises the light field of every channel.
 ///
 /// # Errors
-/// If there are too few columns or samples, if a given scale is unusable, or if a decomposition fails.
+/// If there are too few columns or samples, if a given scale is unusable, or if a decomposition fails. A light field that does
+/// not change with the normal is no error: all but L_0 is then indeterminate, and the warnings say so.
 pub fn recover(samples: &Samples, options: &Options) -> Result<Factorisation> {
     let half = columns::half_circle(samples)?;
     let channels: Vec<Channel> = (0..samples.channels.len())
@@ -293,6 +300,165 @@ fn within_light(lighting: &Series, frequencies: &[usize]) -> Series {
     within
 }
 
+/// A factorisation at the largest band at which it settles.
+struct Settled {
+    spectrum: Spectrum,
+    frequencies: Vec<usize>,
+    whitened: Whitened,
+    start: spectral::Start,
+    refined: refine::Refined,
+}
+
+/// Factorises at the largest band at which the refinement settles: beyond it the weakest frequencies drag the others
+/// along. `from` is a lighting to begin with, if there is one.
+fn settle(
+    spectrum: &Spectrum,
+    half: &HalfCircle,
+    options: &Options,
+    from: Option<&Series>,
+) -> Result<Settled> {
+    let mut frequencies = visible(spectrum);
+    loop {
+        let band = frequencies.last().copied().unwrap_or(0);
+        let cut = spectrum.truncated(band);
+        let whitened = Whitened::new(&cut, half, &frequencies);
+        if let Some(lighting) = from {
+            let refined = refine::refine(
+                &whitened,
+                &within_light(&lighting.with_order(band), &frequencies),
+            )?;
+            if refined.converged {
+                let start = spectral::solve(&Coefficients::new(&cut, half))?;
+                return Ok(Settled {
+                    spectrum: cut,
+                    frequencies,
+                    whitened,
+                    start,
+                    refined,
+                });
+            }
+        }
+        let (start, refined) = fit(&cut, half, &frequencies, options)?;
+        if refined.converged || frequencies.len() <= FIRST_STAGE {
+            return Ok(Settled {
+                spectrum: cut,
+                frequencies,
+                whitened,
+                start,
+                refined,
+            });
+        }
+        frequencies.truncate((frequencies.len() * 3).div_ceil(4));
+    }
+}
+
+/// Most rounds of taking folded frequencies from the samples.
+const UNFOLDINGS: usize = 3;
+/// Share of the folded amplitude that is always taken to be left.
+const LEFT: f64 = 0.1;
+/// Change of what is folded, relative to it, at which no further round is needed.
+const UNFOLDED: f64 = 0.02;
+
+/// The factorisation again, without what unresolved frequencies of the sources in it fold onto the others.
+///
+/// What is left of them is a share of what was there: at least [`LEFT`], and as much as brings the misfit down to 1. The
+/// result counts if it lowers the misfit in units of the noise alone.
+fn unfold(
+    samples: &Samples,
+    channel: usize,
+    half: &HalfCircle,
+    options: &Options,
+    folded: &Spectrum,
+    first: Settled,
+) -> Result<Settled> {
+    let order = folded.order;
+    let resolved = columns::resolved_order(samples, channel);
+    let mut left = LEFT * LEFT;
+    let mut before: Option<Sources> = None;
+    let mut best = None;
+    for _ in 0..UNFOLDINGS {
+        let at = best.as_ref().unwrap_or(&first);
+        let covariance = uncertainty::covariance(&at.refined, &at.whitened, &at.spectrum)?;
+        let Some(sources) = Sources::find(&at.refined.lighting, &at.frequencies, &covariance)
+        else {
+            break;
+        };
+        if before.is_some_and(|b| b.change(&sources, 2 * resolved) < UNFOLDED) {
+            break;
+        }
+        let surface = folded::Surface::fit(&at.whitened, half, &at.refined.lighting)?;
+        let without = folded::without(samples, channel, &surface, &sources, resolved, order);
+        let mut spectrum = Spectrum::fit(&without, 0, half, resolved)?.truncated(order);
+        spectrum.folds.clone_from(&folded.folds);
+        spectrum.folded = folded.folded.iter().map(|f| left * f).collect();
+        let next = settle(&spectrum, half, options, Some(&at.refined.lighting))?;
+        let (sum, count) = next.refined.pairs.misfit();
+        left = (left * sum / count.max(1) as f64).clamp(LEFT * LEFT, 1.0);
+        before = Some(sources);
+        best = Some(next);
+    }
+    let best = match best {
+        Some(best) if noise_misfit(&best, half)? < noise_misfit(&first, half)? => best,
+        _ => first,
+    };
+    Ok(best)
+}
+
+/// Mean square of the constraints in units of the noise alone.
+fn noise_misfit(settled: &Settled, half: &HalfCircle) -> Result<f64> {
+    let mut spectrum = settled.spectrum.clone();
+    spectrum.folded.fill(0.0);
+    let whitened = Whitened::new(&spectrum, half, &settled.frequencies);
+    let (sum, count) = Pairs::new(&whitened, &settled.refined.lighting)?.misfit();
+    Ok(sum / count.max(1) as f64)
+}
+
+/// The result where the light field does not change with the normal: uniform light, or a surface that passes nothing
+/// else. Only L_0 is called known, and of ρ no value.
+fn unchanging(
+    samples: &Samples,
+    channel: usize,
+    half: &HalfCircle,
+    options: &Options,
+    spectrum: &Spectrum,
+    resolved: usize,
+) -> Result<Channel> {
+    let spectrum = spectrum.truncated(0);
+    let coefficients = Coefficients::new(&spectrum, half);
+    let mut lighting = Series::zero(0);
+    lighting.coefficients[0] = Complex64::ONE;
+    let (factor, scale) = scale::factor(&options.scale, channel, &lighting, 0, &coefficients)?;
+    lighting.coefficients[0] *= factor;
+    Ok(Channel {
+        name: samples.channels[channel].clone(),
+        sigma: vec![0.0],
+        status: vec![Status::Determined],
+        covariance: Vec::new(),
+        components: vec![vec![0]],
+        frequencies: vec![0],
+        band: 0,
+        visible_band: 0,
+        resolved,
+        brdf: vec![0.0; half.len() * half.len()],
+        brdf_sigma: vec![f64::INFINITY; half.len() * half.len()],
+        eigenvalues: Vec::new(),
+        start: lighting.clone(),
+        ratio: lighting.clone(),
+        lighting,
+        misfit: 1.0,
+        scale,
+        converged: true,
+    })
+}
+
+/// `by` times a matrix, row by row.
+fn row_major(m: &faer::Mat<f64>, by: f64) -> Vec<f64> {
+    (0..m.nrows())
+        .flat_map(|i| (0..m.ncols()).map(move |j| (i, j)))
+        .map(|(i, j)| by * m[(i, j)])
+        .collect()
+}
+
 fn recover_channel(
     samples: &Samples,
     channel: usize,
@@ -313,32 +479,23 @@ fn recover_channel(
         .advice("Photograph the object from more directions around it."));
     }
     let mut spectrum = Spectrum::fit(samples, channel, half, resolved)?;
-    spectrum.add_folded_variance(order);
+    spectrum.add_folded_variance();
     let spectrum = spectrum.truncated(order);
-    let mut frequencies = visible(&spectrum);
-    let visible_band = frequencies.last().copied().unwrap_or(0);
+    let visible_band = visible(&spectrum).last().copied().unwrap_or(0);
     if visible_band == 0 {
-        return Err(Error::input(
-            "the light field does not change with the normal: only uniform light, or none, is seen, and it tells \
-             nothing about the lighting's shape",
-        )
-        .advice("Use light from few directions."));
+        return unchanging(samples, channel, half, options, &spectrum, resolved);
     }
-    // The largest band at which the refinement settles: beyond it the weakest frequencies drag the others along.
-    let (spectrum, whitened, start, refined) = loop {
-        let band = frequencies.last().copied().unwrap_or(0);
-        let cut = spectrum.truncated(band);
-        let (start, refined) = fit(&cut, half, &frequencies, options)?;
-        if refined.converged || frequencies.len() <= FIRST_STAGE {
-            break (
-                cut.clone(),
-                Whitened::new(&cut, half, &frequencies),
-                start,
-                refined,
-            );
-        }
-        frequencies.truncate((frequencies.len() * 3).div_ceil(4));
-    };
+    let mut settled = settle(&spectrum, half, options, None)?;
+    if options.refine && spectrum.folded.iter().any(|v| *v > 0.0) {
+        settled = unfold(samples, channel, half, options, &spectrum, settled)?;
+    }
+    let Settled {
+        spectrum,
+        frequencies,
+        whitened,
+        start,
+        refined,
+    } = settled;
     let band = spectrum.order;
     let coefficients = Coefficients::new(&spectrum, half);
     let covariance = uncertainty::covariance(&refined, &whitened, &spectrum)?;
@@ -384,12 +541,6 @@ fn recover_channel(
     }
     let slice = slice::slice(&refined, &whitened, half, &changes);
     let (factor, scale) = scale::factor(&options.scale, channel, &lighting, band, &coefficients)?;
-    let row_major = |m: &faer::Mat<f64>, by: f64| -> Vec<f64> {
-        (0..m.nrows())
-            .flat_map(|i| (0..m.ncols()).map(move |j| (i, j)))
-            .map(|(i, j)| by * m[(i, j)])
-            .collect()
-    };
     let scaled = |s: &Series| Series {
         coefficients: s.coefficients.iter().map(|c| c * factor).collect(),
     };
@@ -419,6 +570,12 @@ fn recover_channel(
 fn warnings(channel: &Channel) -> Vec<String> {
     let name = &channel.name;
     let mut said = Vec::new();
+    if channel.visible_band == 0 {
+        said.push(format!(
+            "Channel {name}: the light field does not change with the normal. The light is uniform, or the surface passes nothing but \
+             its mean: no other frequency of the light, and of the BRDF nothing but its mean over incidence, is determined."
+        ));
+    }
     let listed = |status: Status| -> Vec<String> {
         (0..=channel.band)
             .filter(|&p| channel.status[p] == status)

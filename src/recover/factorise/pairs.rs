@@ -10,32 +10,31 @@ use crate::fourier::Series;
 
 /// The whitened problem B′ = A′ Y + unit noise, with Y symmetric, common to all lightings.
 ///
-/// Column k of B′ is √f_k B(θo′_k) with f_k = 1 / (variance per coefficient); Y = D^½ ρ̃ D^½ with
-/// D_k = f_k / cos² θ_k; and A′(L) = diag(L) E D^{−½} with E the exponentials on the half circle.
+/// The variance of B_p(θo′_k) is taken as g_p / f_k, the best product of that form. Column k of B′ is √f_k G^{−½} B(θo′_k) with
+/// G = diag(g); Y = D^½ ρ̃ D^½ with D_k = f_k / cos² θ_k; and A′(L) = G^{−½} diag(L) E D^{−½} with E the exponentials
+/// on the half circle.
 #[derive(Clone, Debug)]
 pub(super) struct Whitened {
     /// The frequencies whose rows are in the problem, increasing, the first 0: m = 2 · count − 1.
     pub frequencies: Vec<usize>,
     /// B′, m × N.
     pub data: Mat<f64>,
-    /// E D^{−½}, m × N.
+    /// G^{−½} E D^{−½}, m × N.
     pub exponentials: Mat<f64>,
     /// D_k^½, \[N\].
     pub root: Vec<f64>,
     /// f_k, \[N\].
     pub precision: Vec<f64>,
+    /// g_p^{−½} of every frequency up to the spectrum's order, \[P + 1\].
+    pub weight: Vec<f64>,
 }
 
 impl Whitened {
-    /// The rows of `frequencies` (increasing, the first 0), whitened by the spectrum's mean variances.
+    /// The rows of `frequencies` (increasing, the first 0), whitened by the spectrum's variances.
     ///
     /// Leaving a frequency out loses what it tells and biases nothing: B_p depends on no other L_q.
     pub fn new(spectrum: &Spectrum, half: &HalfCircle, frequencies: &[usize]) -> Self {
-        let precision: Vec<f64> = spectrum
-            .covariance
-            .iter()
-            .map(|c| 1.0 / c.mean().max(f64::MIN_POSITIVE))
-            .collect();
+        let (precision, weight) = as_product(spectrum);
         let root: Vec<f64> = precision
             .iter()
             .zip(&half.cosines)
@@ -46,13 +45,23 @@ impl Whitened {
         Self {
             frequencies: frequencies.to_vec(),
             data: Mat::from_fn(rows.len(), half.len(), |i, k| {
-                precision[k].sqrt() * spectrum.values[(rows[i], k)]
+                weight[rows[i].div_ceil(2)] * precision[k].sqrt() * spectrum.values[(rows[i], k)]
             }),
             exponentials: Mat::from_fn(rows.len(), half.len(), |i, k| {
-                plain[(rows[i], k)] / root[k]
+                weight[rows[i].div_ceil(2)] * plain[(rows[i], k)] / root[k]
             }),
             root,
             precision,
+            weight,
+        }
+    }
+
+    /// The same problem for Y = V Y′ Vᵀ with orthonormal columns V, N × n; `root` and `precision` stay those of the nodes.
+    pub fn within(&self, v: &Mat<f64>) -> Self {
+        Self {
+            data: &self.data * v,
+            exponentials: &self.exponentials * v,
+            ..self.clone()
         }
     }
 
@@ -71,6 +80,40 @@ impl Whitened {
         }
         a
     }
+}
+
+/// f_k and g_p^{−½} with g_p / f_k nearest to the variance of B_p at node k, by turns in the relative error; the nodes
+/// that were not seen have no say in g.
+fn as_product(spectrum: &Spectrum) -> (Vec<f64>, Vec<f64>) {
+    const TURNS: usize = 4;
+    let (nodes, order) = (spectrum.seen.len(), spectrum.order);
+    let seen: Vec<usize> = (0..nodes).filter(|&k| spectrum.seen[k]).collect();
+    let mut of_frequency = vec![1.0; order + 1];
+    let mut of_node = vec![f64::MIN_POSITIVE; nodes];
+    for turn in 0..=TURNS {
+        for (k, v) in of_node.iter_mut().enumerate() {
+            let sum: f64 = (0..=order)
+                .map(|p| if p == 0 { 1.0 } else { 2.0 } * spectrum.variance(p, k) / of_frequency[p])
+                .sum();
+            *v = (sum / (2 * order + 1) as f64).max(f64::MIN_POSITIVE);
+        }
+        if turn < TURNS {
+            for (p, v) in of_frequency.iter_mut().enumerate() {
+                let sum: f64 = seen
+                    .iter()
+                    .map(|&k| spectrum.variance(p, k) / of_node[k])
+                    .sum();
+                *v = sum / seen.len().max(1) as f64;
+            }
+        }
+    }
+    (
+        of_node.iter().map(|v| 1.0 / v).collect(),
+        of_frequency
+            .iter()
+            .map(|v| 1.0 / v.max(f64::MIN_POSITIVE).sqrt())
+            .collect(),
+    )
 }
 
 /// Where the coefficients of `frequencies` stand in the real basis.

@@ -99,7 +99,7 @@ pub(super) fn factor(
 
 /// Irradiance of a source at `theta` in a lighting cut at `band`: the least-squares amplitude of the cut delta
 /// function over three of its widths, beside a background that is a straight line there.
-fn source_irradiance(lighting: &Series, band: usize, theta: WorldAngle) -> f64 {
+pub(super) fn source_irradiance(lighting: &Series, band: usize, theta: WorldAngle) -> f64 {
     const POINTS: usize = 121;
     let width = TAU / (2 * band + 1) as f64;
     let reach = (3.0 * width).min(PI);

@@ -41,7 +41,7 @@ impl Coefficients {
                 (0..half.len())
                     .filter(|&k| spectrum.seen[k])
                     .map(|k| {
-                        (half.step() * half.cosines[k] / TAU).powi(2) * spectrum.covariance[k].at(p)
+                        (half.step() * half.cosines[k] / TAU).powi(2) * spectrum.variance(p, k)
                     })
                     .sum()
             })

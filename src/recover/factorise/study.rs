@@ -447,27 +447,32 @@ fn a_near_mirror_factorises() {
     }
 }
 
-/// 72 views of a GGX 0.2 metal under two suns and a fill: within 0.5 % up to p = 12, and nothing beyond its error bars.
+/// 72 views of gold in three colours under two suns and a fill: within 0.2 % up to p = 12, a third of what folded frequencies
+/// alone would do (0.5 % in blue), and nothing far beyond its error bars.
 #[test]
 #[ignore = "seconds"]
 fn seventy_two_views_of_a_metal() {
-    let b = brdf("model = 'ggx-conductor'\nalpha = 0.2\neta = 0.3749\nk = 2.3857");
     let light = Light::Real(two_suns());
     let truth = light.series(12);
-    for (cut, locals, most) in [(85.0, 180, 0.005), (85.0, 90, 0.005), (80.0, 180, 0.01)] {
-        let s = views(&light, b.as_ref(), &all_around(72), locals, cut, 1e-4, 5);
-        let found = recover(&s, &Options::default()).expect("a factorisation");
-        let channel = &found.channels[0];
-        let off = error(&channel.lighting, &truth, 12);
-        println!(
-            "cut {cut} locals {locals}: {off:.5}, start {:.5}, eq. 29 {:.5}",
-            error(&channel.start, &truth, 12),
-            error(&channel.ratio, &truth, 12)
-        );
-        assert!(off < most, "{off}");
-        for p in 1..=12 {
-            let e = (channel.lighting.coefficients[p] - truth.coefficients[p]).norm();
-            assert!(e < 2.5 * channel.sigma[p], "p = {p}: {e}");
+    for (eta, k) in [(0.1431, 3.9831), (0.3749, 2.3857), (1.4424, 1.6032)] {
+        let b = brdf(&format!(
+            "model = 'ggx-conductor'\nalpha = 0.2\neta = {eta}\nk = {k}"
+        ));
+        for cut in [85.0, 88.0] {
+            let s = views(&light, b.as_ref(), &all_around(72), 180, cut, 1e-4, 5);
+            let found = recover(&s, &Options::default()).expect("a factorisation");
+            let channel = &found.channels[0];
+            let off = error(&channel.lighting, &truth, 12);
+            println!(
+                "eta {eta} cut {cut}: {off:.5}, start {:.5}, eq. 29 {:.5}",
+                error(&channel.start, &truth, 12),
+                error(&channel.ratio, &truth, 12)
+            );
+            assert!(off < 0.002, "{off}");
+            for p in 1..=12 {
+                let e = (channel.lighting.coefficients[p] - truth.coefficients[p]).norm();
+                assert!(e < 4.0 * channel.sigma[p], "p = {p}: {e}");
+            }
         }
     }
 }

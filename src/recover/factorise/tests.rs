@@ -112,13 +112,19 @@ fn a_lambertian_surface_leaves_odd_frequencies_indeterminate() {
 }
 
 #[test]
-fn uniform_light_is_refused_with_the_reason() {
+fn uniform_light_leaves_all_but_the_mean_open() {
     let light = Light::Limited(Series {
         coefficients: vec![Complex64::ONE],
     });
-    let refused = recover(&noisy(PHONG_32, &light, 86.0), &Options::default());
-    let message = refused.expect_err("nothing to recover").to_string();
-    assert!(message.contains("uniform light"), "{message}");
+    let found = recover(&noisy(PHONG_32, &light, 86.0), &Options::default()).expect("the mean");
+    let channel = &found.channels[0];
+    assert_eq!((channel.band, channel.visible_band), (0, 0));
+    assert!(channel.brdf_sigma.iter().all(|s| s.is_infinite()));
+    assert!(
+        found.warnings[0].contains("does not change with the normal"),
+        "{:?}",
+        found.warnings
+    );
 }
 
 #[test]

@@ -115,7 +115,8 @@ pub(super) fn covariance(
     let white = spectrum
         .covariance
         .iter()
-        .all(|c| matches!(c, Covariance::White(_)));
+        .all(|c| matches!(c, Covariance::White(_)))
+        && spectrum.folded.iter().all(|f| *f == 0.0);
     if white {
         return Ok(inverse);
     }
@@ -145,15 +146,23 @@ pub(super) fn covariance(
     let mut total = &inverse * &inverse * faer::Scale(prior);
     for (k, noise) in spectrum.covariance.iter().enumerate() {
         let columns = Mat::from_fn(m, influence.len(), |i, parameter| {
-            influence[parameter][(i, k)] * whitened.precision[k].sqrt()
+            let weight = whitened.weight[rows[i].div_ceil(2)];
+            influence[parameter][(i, k)] * weight * whitened.precision[k].sqrt()
         });
-        match noise {
-            Covariance::White(v) => total += columns.transpose() * &columns * faer::Scale(*v),
-            Covariance::Full(c) => {
-                let c = Mat::from_fn(m, m, |i, j| c[(rows[i], rows[j])]);
-                total += columns.transpose() * c * &columns;
-            }
-        }
+        let c = Mat::from_fn(m, m, |i, j| {
+            let folded = if i == j {
+                spectrum.variance(rows[i].div_ceil(2), k) - noise.at(rows[i].div_ceil(2))
+            } else {
+                0.0
+            };
+            folded
+                + match noise {
+                    Covariance::White(v) if i == j => *v,
+                    Covariance::White(_) => 0.0,
+                    Covariance::Full(c) => c[(rows[i], rows[j])],
+                }
+        });
+        total += columns.transpose() * c * &columns;
     }
     Ok(total)
 }
