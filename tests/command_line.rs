@@ -392,3 +392,28 @@ fn a_capture_is_checked_before_any_long_work() {
     let assert = flatlight().arg("check").arg(copy.path()).assert().code(2);
     assert!(stderr(&assert).contains("raduis"), "{}", stderr(&assert));
 }
+
+/// Two runs of the same photos are the same; against the truth of the set, the tolerance decides.
+#[test]
+fn products_are_compared_with_an_exit_code() {
+    let (one, two) = (folder(), folder());
+    run_set(one.path(), &[]).code(0);
+    run_set(two.path(), &[]).code(0);
+    let compare = |a: &Path, b: &Path, more: &[&str]| {
+        flatlight().arg("compare").args([a, b]).args(more).assert()
+    };
+    let same = compare(one.path(), two.path(), &["--tolerance", "0"]).code(0);
+    for name in ["light_field.exr", "lighting.csv", "lighting_spectrum.csv"] {
+        assert!(stdout(&same).contains(name), "{}", stdout(&same));
+    }
+    let found = one.path().join("lighting_spectrum.csv");
+    let truth = set(SET).join("truth/lighting_spectrum.csv");
+    compare(&found, &truth, &["--tolerance", "0.003"]).code(0);
+    let differs = compare(&found, &truth, &["--tolerance", "0"]).code(1);
+    assert!(
+        stderr(&differs).contains("channel R"),
+        "{}",
+        stderr(&differs)
+    );
+    compare(&found, &one.path().join("lighting.csv"), &[]).code(2);
+}

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use crate::brdf::{MeasuredSlice, SliceTable};
 use crate::error::{Error, Result};
+use crate::light_field::LightField;
 use crate::lighting::{read_spectrum, read_table};
-use crate::{LocalAngle, WorldAngle, photo};
+use crate::{LocalAngle, WorldAngle};
 
 /// Coordinates of a value: degrees, or frequencies and then the part of the complex number (0 real, 1 imaginary).
 pub type Point = [f64; 3];
@@ -224,45 +225,19 @@ impl Product {
     }
 
     fn light_field(file: &Path) -> Result<Self> {
-        let image = photo::read(file, None)?;
-        let channels: Vec<String> = image
-            .channels
-            .iter()
-            .filter_map(|name| name.strip_prefix("mean.").map(String::from))
-            .collect();
-        if channels.is_empty() {
-            return Err(Error::input(format!(
-                "expected a light field with the layers mean, sigma and weight, found the channels {}",
-                image.channels.join(", ")
-            ))
-            .file(file));
-        }
-        let [locals, normals] = image.size.map(|n| n as usize);
-        let plane = |layer: &str, channel: &str| {
-            let name = format!("{layer}.{channel}");
-            let at = image.channels.iter().position(|n| *n == name)?;
-            image.values.get(at)
-        };
-        let mut entries = Vec::with_capacity(channels.len() * locals * normals);
-        for name in &channels {
-            let (mean, sigma, weight) = (
-                plane("mean", name),
-                plane("sigma", name),
-                plane("weight", name),
-            );
-            let Some(mean) = mean else { continue };
-            for (k, value) in mean.iter().enumerate() {
-                if weight.is_some_and(|w| !(w[k] > 0.0)) {
-                    continue;
-                }
-                let alpha = -180.0 + (k / locals) as f64 * 360.0 / normals as f64;
-                let point = [
-                    alpha + 180.0 / normals as f64,
-                    -90.0 + ((k % locals) as f64 + 0.5) * 180.0 / locals as f64,
-                    0.0,
-                ];
-                let sigma = sigma.map(|s| f64::from(s[k])).filter(|s| *s > 0.0);
-                entries.push((name.clone(), point, f64::from(*value), sigma));
+        let field = LightField::read(file)?;
+        let mut entries = Vec::with_capacity(field.channels.len() * field.grid.len());
+        for (c, name) in field.channels.iter().enumerate() {
+            for k in (0..field.grid.len()).filter(|&k| field.weight[c][k] > 0.0) {
+                let alpha = field.grid.normal(k / field.grid.locals).deg();
+                let local = field.grid.local(k % field.grid.locals).deg();
+                let sigma = f64::from(field.sigma[c][k]);
+                entries.push((
+                    name.clone(),
+                    [alpha, local, 0.0],
+                    f64::from(field.mean[c][k]),
+                    (sigma > 0.0).then_some(sigma),
+                ));
             }
         }
         Ok(listed(Kind::LightField, entries.into_iter()))

@@ -1,10 +1,13 @@
 //! Light fields as EXR: float32, one channel per layer and colour, the axes in header attributes.
 
+use std::collections::BTreeMap;
 use std::io::Cursor;
+use std::path::Path;
 
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, ImageAttributes,
     IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2, WritableImage,
+    read_first_flat_layer_from_file,
 };
 
 use super::LightField;
@@ -28,6 +31,54 @@ pub struct Part {
 }
 
 impl LightField {
+    /// Reads `light_field.exr`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or lacks one of the layers `mean`, `sigma` and `weight` of a channel.
+    pub fn read(file: &Path) -> Result<Self> {
+        let image = read_first_flat_layer_from_file(file).map_err(|e| Error::read(file, e))?;
+        let layer = image.layer_data;
+        let grid = Grid {
+            normals: layer.size.height(),
+            locals: layer.size.width(),
+        };
+        let mut planes: BTreeMap<String, Vec<f32>> = layer
+            .channel_data
+            .list
+            .iter()
+            .map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect()))
+            .collect();
+        let channels: Vec<String> = planes
+            .keys()
+            .filter_map(|name| name.strip_prefix("mean.").map(String::from))
+            .collect();
+        let mut take = |layer: &str| -> Result<Vec<Vec<f32>>> {
+            channels
+                .iter()
+                .map(|channel| {
+                    let name = format!("{layer}.{channel}");
+                    planes.remove(&name).ok_or_else(|| {
+                        Error::input(format!("expected the plane {name}, found none")).file(file)
+                    })
+                })
+                .collect()
+        };
+        let (mean, sigma, weight) = (take("mean")?, take("sigma")?, take("weight")?);
+        if channels.is_empty() {
+            return Err(Error::input(
+                "expected a light field with the layers mean, sigma and weight, found none of them",
+            )
+            .file(file));
+        }
+        Ok(Self {
+            grid,
+            channels,
+            mean,
+            sigma,
+            weight,
+        })
+    }
+
     /// The layers `mean`, `sigma` and `weight`, each with all channels.
     pub fn part(&self, name: &str) -> Part {
         let Grid { normals, locals } = self.grid;
@@ -141,7 +192,6 @@ fn text(value: &str) -> Result<Text> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use exr::prelude::read_first_flat_layer_from_file;
 
     #[test]
     fn what_is_written_is_read_back() {
@@ -157,6 +207,10 @@ mod tests {
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = folder.path().join("x.exr");
         std::fs::write(&path, bytes).expect("writes");
+        assert_eq!(
+            LightField::read(&path).expect("reads").mean[0],
+            field.mean[1]
+        );
         let image = read_first_flat_layer_from_file(&path).expect("reads");
         let layer = image.layer_data;
         assert_eq!(layer.channel_data.list.len(), 6);

@@ -361,9 +361,16 @@ fn choose_reach(capture: &Capture, camera: &CameraModel) -> Result<f64> {
         .map(|(_, r)| r)
         .collect();
     let widest = candidates.last().copied().unwrap_or(REACHES[0]);
-    let chosen: Vec<f64> = spread(capture.views.len(), PILOTS)
+    // By direction: the order in which a capture lists its views must not matter.
+    let mut around: Vec<usize> = (0..capture.views.len()).collect();
+    around.sort_by(|&a, &b| {
+        let orbit = |view: usize| capture.views[view].orbit.rad();
+        orbit(a).total_cmp(&orbit(b))
+    });
+    let chosen: Vec<f64> = spread(around.len(), PILOTS)
         .into_par_iter()
-        .map(|view| {
+        .map(|place| {
+            let view = around[place];
             let place = |e: Error| e.view(view).file(first_file(capture, view));
             let roll = capture.views[view].plane_roll;
             let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
