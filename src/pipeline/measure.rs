@@ -361,16 +361,13 @@ fn choose_reach(capture: &Capture, camera: &CameraModel) -> Result<f64> {
         .map(|(_, r)| r)
         .collect();
     let widest = candidates.last().copied().unwrap_or(REACHES[0]);
-    // By direction: the order in which a capture lists its views must not matter.
-    let mut around: Vec<usize> = (0..capture.views.len()).collect();
-    around.sort_by(|&a, &b| {
-        let orbit = |view: usize| capture.views[view].orbit.rad();
-        orbit(a).total_cmp(&orbit(b))
-    });
-    let chosen: Vec<f64> = spread(around.len(), PILOTS)
+    // By name: neither the order in which a capture lists its views matters, nor where its angles start.
+    let mut named: Vec<usize> = (0..capture.views.len()).collect();
+    named.sort_by_cached_key(|&view| first_file(capture, view));
+    let chosen: Vec<f64> = spread(named.len(), PILOTS)
         .into_par_iter()
         .map(|place| {
-            let view = around[place];
+            let view = named[place];
             let place = |e: Error| e.view(view).file(first_file(capture, view));
             let roll = capture.views[view].plane_roll;
             let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
