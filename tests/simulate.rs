@@ -147,6 +147,84 @@ fn mitsuba_more_sets() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
+/// A photograph by the recipe's camera at `scale` times 240 pixels, with radial distortion k₁, of its lit object.
+fn photograph(scale: u32, k1: f64) -> Vec<Vec<f32>> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("pipelines/simulate.toml");
+    let mut recipe = Recipe::read(&file).unwrap();
+    let size = f64::from(scale);
+    recipe.camera.image_size = [240 * scale, 12 * scale];
+    recipe.camera.principal_point_px = [120.0 * size, 6.0 * size];
+    recipe.camera.projection = Projection::Perspective {
+        focal_px: 1219.75 * size,
+    };
+    recipe.camera.distortion = [k1, 0.0, 0.0, 0.0, 0.0];
+    let (model, lighting) = scene(
+        &testdata("phong32-two-suns"),
+        &["R".into(), "G".into(), "B".into()],
+    );
+    let renderer = Renderer::new(
+        &recipe.camera,
+        &recipe.object,
+        &model,
+        &lighting,
+        Path::new(""),
+    )
+    .unwrap();
+    let picture = renderer.view(&Stand {
+        orbit: 0.3,
+        pose: Pose::nominal(),
+        plane_roll: 0.0,
+    });
+    let width = picture.size[0] as usize;
+    picture.values[0]
+        .chunks(width)
+        .map(<[f32]>::to_vec)
+        .collect()
+}
+
+/// A pixel is the mean over its area: four of a camera twice as fine are one.
+#[test]
+fn a_pixel_is_the_mean_over_its_footprint() {
+    let (coarse, fine) = (photograph(1, 0.0), photograph(2, 0.0));
+    let largest = coarse.iter().flatten().fold(0.0f32, |m, v| m.max(*v));
+    let mut point = 0.0f32;
+    for (y, row) in coarse.iter().enumerate() {
+        for (x, value) in row.iter().enumerate() {
+            let four = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(i, j)| fine[2 * y + i][2 * x + j]);
+            let mean = four.iter().sum::<f32>() / 4.0;
+            // Quadrature within a pixel, the worst of which the limb cuts.
+            assert!(
+                (value - mean).abs() < 1e-3 * largest,
+                "{x} {y}: {value} {mean}"
+            );
+            point = point.max((four[0] - mean).abs());
+        }
+    }
+    // Ten times the tolerance lies between a fine pixel and the mean: a point sample would not pass.
+    assert!(point > 0.01 * largest, "{point} of {largest}");
+}
+
+/// The limbs stand where the lens puts them: r (1 + k₁ r²), r the tangent of the limb's angle.
+#[test]
+fn distortion_moves_the_limbs_by_its_planted_size() {
+    let width = |k1: f64| -> f64 {
+        let photo = photograph(4, k1);
+        let row = &photo[24];
+        let lit: Vec<usize> = (0..row.len()).filter(|&x| row[x] > 0.0).collect();
+        (lit[lit.len() - 1] - lit[0]) as f64 + 1.0
+    };
+    let tangent = (0.05f64 / 0.6).asin().tan();
+    for k1 in [0.0, -2.0, 1.5] {
+        let expected = 2.0 * 4879.0 * tangent * (1.0 + k1 * tangent * tangent);
+        // A limb's pixel counts whole: up to one more on each side.
+        let found = width(k1);
+        assert!(
+            (0.0..2.0).contains(&(found - expected)),
+            "{k1}: {found} {expected}"
+        );
+    }
+}
+
 /// The annotated recipe, at a quarter of its pixels and half its views, through the whole pipeline.
 #[test]
 fn the_recipe_s_light_is_recovered_from_its_photos() {
