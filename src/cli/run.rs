@@ -69,9 +69,8 @@ fn answer(run: &Run, out: &Path) -> String {
                 .map(|(e, s)| format!("{e:.4} ± {s:.4}"))
                 .collect();
             lines.push(format!(
-                "  source at {:.3}° ± {:.3}°, {} W m⁻²",
-                source.theta_deg,
-                source.theta_sigma_deg,
+                "  source at {}, {} W m⁻²",
+                source.direction(),
                 irradiance.join(", ")
             ));
         }

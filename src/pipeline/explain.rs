@@ -142,10 +142,7 @@ pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
 fn about_lighting(lighting: &LightingEstimate, accepted: &dyn Fn(usize) -> bool) -> Vec<String> {
     let mut findings = Vec::new();
     for source in &lighting.sources {
-        findings.push(format!(
-            "A source at {:.3}° ± {:.3}°.",
-            source.theta_deg, source.theta_sigma_deg
-        ));
+        findings.push(format!("A source at {}.", source.direction()));
     }
     for (c, channel) in lighting.channels.iter().enumerate() {
         if !accepted(c) {

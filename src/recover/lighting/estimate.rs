@@ -70,6 +70,19 @@ pub struct SourceEstimate {
     pub irradiance_sigma: Vec<f64>,
 }
 
+impl SourceEstimate {
+    /// `37.29990° ± 0.00047°`: both to the second digit of σ, so that a small one does not read as none.
+    pub fn direction(&self) -> String {
+        let (theta, sigma) = (self.theta_deg, self.theta_sigma_deg);
+        let decimals = if sigma > 0.0 && sigma.is_finite() {
+            (1.0 - sigma.log10().floor()).clamp(0.0, 9.0) as usize
+        } else {
+            3
+        };
+        format!("{theta:.decimals$}° ± {sigma:.decimals$}°")
+    }
+}
+
 /// The regularisation's strength and the criterion that chose it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RegularisationChoice {
