@@ -75,7 +75,6 @@ struct ReadView {
     channels: Vec<String>,
     outline: Outline,
     line: MeasuredLine,
-    slant: Option<Slant>,
     exposures: Vec<radiance::Found>,
     preview: Option<Preview>,
 }
@@ -145,15 +144,19 @@ pub fn measure(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
         .collect();
+    let slants = match capture.object.shape {
+        Shape::Cylinder if lean::shows(&settled) => read_slants(capture, &camera, reach, &read)?,
+        _ => Vec::new(),
+    };
     let leaning: Vec<LeaningView<'_>> = read
         .iter()
         .zip(&geometries)
-        .zip(&capture.views)
-        .map(|((read, geometry), view)| LeaningView {
+        .enumerate()
+        .map(|(k, (read, geometry))| LeaningView {
             line: &read.line,
-            slant: read.slant.as_ref(),
+            slant: slants.get(k).and_then(Option::as_ref),
             geometry,
-            orbit: view.orbit,
+            orbit: capture.views[k].orbit,
         })
         .collect();
     let lean = Lean::of(&settled, &leaning);
@@ -208,7 +211,7 @@ pub fn measure(
         }
         let uncorrected = gather(channels, &locals, &uncorrected, &outline_sigma);
         systematics.push(lean::systematic(&samples, &uncorrected.samples));
-        let corrected = read.iter().filter(|v| v.slant.is_some()).count();
+        let corrected = slants.iter().flatten().count();
         seen.push(lean.warning(corrected, read.len()));
     }
     let records = (0..read.len())
@@ -336,18 +339,37 @@ fn read_view(
     let (radiance, outline, exposures) = photographed(capture, camera, view, rows)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
-    let slant = match capture.object.shape {
-        Shape::Cylinder => Slant::read(&radiance, &geometry, &line),
-        Shape::Sphere => None,
-    };
     Ok(ReadView {
-        slant,
         preview: shown.then(|| preview(view, &radiance, &geometry, reach)),
         channels: radiance.channels,
         outline,
         line,
         exposures,
     })
+}
+
+/// The rows above and below each view's line. Photos are read a second time, which costs less than keeping what few
+/// captures need.
+fn read_slants(
+    capture: &Capture,
+    camera: &CameraModel,
+    reach: f64,
+    read: &[ReadView],
+) -> Result<Vec<Option<Slant>>> {
+    let slant = |k: usize, found: &ReadView| -> Result<Option<Slant>> {
+        let roll = capture.views[k].plane_roll;
+        let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
+        let rows = rows_needed(capture, &nominal, reach);
+        let radiance = radiance::view(capture, k, rows)?;
+        let masked = radiance::masked(capture, k, &radiance)?;
+        let geometry = ViewGeometry::new(camera, &capture.object, found.outline.pose, roll);
+        let radiance = masked.as_ref().unwrap_or(&radiance);
+        Ok(Slant::read(radiance, &geometry, &found.line))
+    };
+    read.par_iter()
+        .enumerate()
+        .map(|(k, found)| slant(k, found).map_err(|e| e.view(k).file(first_file(capture, k))))
+        .collect()
 }
 
 /// The largest distance from the cross-section over which averaging changes nothing but the noise:
@@ -375,16 +397,15 @@ fn choose_reach(capture: &Capture, camera: &CameraModel) -> Result<f64> {
             let (radiance, outline, _) =
                 photographed(capture, camera, view, rows).map_err(place)?;
             let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
-            let lines: Vec<MeasuredLine> = candidates
-                .iter()
-                .map(|&reach| MeasuredLine::read(&radiance, &geometry, reach))
-                .collect::<Result<_>>()
-                .map_err(place)?;
-            let agreeing = (1..lines.len())
-                .take_while(|&i| (0..i).all(|m| agree(&lines[i], &lines[m], &geometry)))
-                .last()
-                .unwrap_or(0);
-            Ok(candidates[agreeing])
+            let mut narrower: Vec<MeasuredLine> = Vec::new();
+            for &reach in &candidates {
+                let line = MeasuredLine::read(&radiance, &geometry, reach).map_err(place)?;
+                if !narrower.iter().all(|n| agree(&line, n, &geometry)) {
+                    break;
+                }
+                narrower.push(line);
+            }
+            Ok(candidates[narrower.len().max(1) - 1])
         })
         .collect::<Result<_>>()?;
     Ok(chosen.into_iter().fold(f64::INFINITY, f64::min).min(widest))
