@@ -36,6 +36,7 @@
 #![warn(missing_docs)]
 
 pub mod angle;
+pub mod batch;
 pub mod brdf;
 pub mod capture;
 pub mod compare;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of the library from what everything stands on to what nothing stands on.
-const ORDER: [&str; 19] = [
+const ORDER: [&str; 20] = [
     "error",
     "angle",
     "grid",
@@ -22,6 +22,7 @@ const ORDER: [&str; 19] = [
     "pipeline",
     "validate",
     "compare",
+    "batch",
     "report",
     "cli",
 ];

@@ -7,7 +7,7 @@ use flatlight::compare::{self, AGREE, ChannelComparison, Comparison, Options};
 use flatlight::report::number::{percent, short};
 use flatlight::{Error, Result};
 
-use super::{Common, say};
+use super::{Common, file, say};
 
 /// What is compared, and how.
 #[derive(Args, Clone, Debug)]
@@ -92,12 +92,7 @@ fn write(out: &Path, compared: &[(String, Comparison)]) -> Result<()> {
         )
         .key("--out"));
     };
-    let attempt = || -> std::io::Result<()> {
-        let mut file = atomic_write_file::AtomicWriteFile::open(out)?;
-        std::io::Write::write_all(&mut file, comparison.csv().as_bytes())?;
-        file.commit()
-    };
-    attempt().map_err(|e| Error::write(out, e))
+    file::write(out, comparison.csv().as_bytes())
 }
 
 fn text(comparison: &Comparison) -> String {

@@ -1,7 +1,9 @@
 //! Arguments, progress bars, printing: the only place that prints.
 
+mod batch;
 mod check;
 mod compare;
+mod file;
 mod init;
 mod paper;
 mod prefilter;
@@ -62,6 +64,27 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
         /// Write into the folder although it holds something else
+        #[arg(long)]
+        force: bool,
+    },
+    /// One recipe on every capture set below a folder: a run each, one summary table, one report
+    #[command(
+        after_help = "Example:\n  flatlight batch sets/ pipelines/lighting.toml --out results/\n  then open results/report.html; results/summary.csv has a row for every set\n\n\
+Sets that were finished stay as they are: interrupt and go on at will. A set that fails does not stop the others. Exit code 0: every set gave a \
+result; 1: some failed, and the table and the last lines say which and why; 2: nothing could be begun."
+    )]
+    Batch {
+        /// Folder with capture sets below it: folders with a capture.toml, at any depth
+        folder: PathBuf,
+        /// What to do with each: a recipe, as those in pipelines/
+        recipe: PathBuf,
+        /// Folder for summary.csv, report.html and a folder of products for each set; default: beside DIR, its name and the recipe's joined by -
+        #[arg(long)]
+        out: Option<PathBuf>,
+        /// Sets worked on at the same time, each taking up to some hundred megabytes; default: one per thread
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+        jobs: Option<u16>,
+        /// Write into a set's folder although it holds something else
         #[arg(long)]
         force: bool,
     },
@@ -148,6 +171,20 @@ pub fn main() -> ExitCode {
             out,
             force,
         } => run::run(recipe, capture, out, *force, &arguments.common),
+        Command::Batch {
+            folder,
+            recipe,
+            out,
+            jobs,
+            force,
+        } => batch::run(
+            folder,
+            recipe,
+            out.as_deref(),
+            *jobs,
+            *force,
+            &arguments.common,
+        ),
         Command::Init { folder } => init::run(folder, &arguments.common),
         Command::Check { capture } => check::run(capture, &arguments.common),
         Command::Probe { capture, views } => probe::run(capture, *views, &arguments.common),

@@ -1,14 +1,12 @@
 //! `flatlight paper`.
 
-use std::io::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-use atomic_write_file::AtomicWriteFile;
 use flatlight::validate::paper::{STATEMENTS, recompute};
 use flatlight::{Error, Result, report};
 
-use super::{Common, say};
+use super::{Common, file, say};
 
 /// Recomputes the paper, writes the page and the table, prints a summary; failed checks are an error.
 pub fn paper(out: &Path, common: &Common) -> Result<()> {
@@ -17,8 +15,11 @@ pub fn paper(out: &Path, common: &Common) -> Result<()> {
     let paper = recompute()?;
     let seconds = start.elapsed().as_secs_f64();
     let page = out.join("paper.html");
-    write(&page, &report::paper::page(&paper)?)?;
-    write(&out.join("paper.csv"), &report::paper::csv(&paper))?;
+    file::write(&page, report::paper::page(&paper)?.as_bytes())?;
+    file::write(
+        &out.join("paper.csv"),
+        report::paper::csv(&paper).as_bytes(),
+    )?;
     if !common.quiet && common.log == say::Log::Text {
         println!("equation     checks  worst difference/tolerance  result");
         for statement in &STATEMENTS {
@@ -65,13 +66,4 @@ pub fn paper(out: &Path, common: &Common) -> Result<()> {
         failed.len(),
         failed.join("\n  ")
     )))
-}
-
-fn write(file: &Path, text: &str) -> Result<()> {
-    let write = || {
-        let mut target = AtomicWriteFile::open(file)?;
-        target.write_all(text.as_bytes())?;
-        target.commit()
-    };
-    write().map_err(|e: std::io::Error| Error::write(file, e))
 }

@@ -4,6 +4,7 @@
 //! the evidence, the methods, the settings and the provenance. It is complete without scripts and on
 //! paper; a small script adds the values under the pointer.
 
+mod batch;
 mod equation;
 mod figure;
 mod methods;
@@ -12,6 +13,7 @@ pub mod paper;
 mod plot;
 mod results;
 mod settings;
+mod sheet;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -21,6 +23,7 @@ use askama::Template;
 
 use crate::error::{Error, Result};
 use crate::pipeline::Run;
+pub use batch::batch;
 use figure::Figure;
 use methods::Passage;
 use results::ResultTable;

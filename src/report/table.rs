@@ -94,19 +94,23 @@ impl Table {
 
     /// The CSV as a `data:` URI for a download link.
     pub fn csv_uri(&self) -> String {
-        let csv = self.csv();
-        let mut out = String::with_capacity(csv.len() + csv.len() / 8 + 32);
-        out.push_str("data:text/csv;charset=utf-8,");
-        for byte in csv.bytes() {
-            // Unreserved characters of RFC 3986 and the comma stay as they are.
-            if byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'.' | b'_' | b'~' | b',') {
-                out.push(char::from(byte));
-            } else {
-                let _ = write!(out, "%{byte:02X}");
-            }
-        }
-        out
+        data_uri(&self.csv())
     }
+}
+
+/// A CSV file as a `data:` URI.
+pub fn data_uri(csv: &str) -> String {
+    let mut out = String::with_capacity(csv.len() + csv.len() / 8 + 32);
+    out.push_str("data:text/csv;charset=utf-8,");
+    for byte in csv.bytes() {
+        // Unreserved characters of RFC 3986 and the comma stay as they are.
+        if byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'.' | b'_' | b'~' | b',') {
+            out.push(char::from(byte));
+        } else {
+            let _ = write!(out, "%{byte:02X}");
+        }
+    }
+    out
 }
 
 /// A field of a CSV file, quoted if it must be.

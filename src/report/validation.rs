@@ -1,28 +1,13 @@
 //! The page of a validation: errors, ratios to the bound, coverage.
 
-use askama::Template;
-
 use super::figure::{Figure, Panel};
 use super::number::{percent, short};
 use super::plot::{Axis, Legend, Mark, Plot, Scale, Size};
 use super::results::ResultTable;
+use super::sheet::Sheet;
 use super::table::{Cell as Value, Table};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::validate::study::{Cell, Outcome, Recovered};
-
-#[derive(Template)]
-#[template(path = "validation.html", config = "src/report/template/askama.toml")]
-struct Page<'a> {
-    title: &'a str,
-    version: &'static str,
-    style: &'static str,
-    script: &'static str,
-    warnings: Vec<String>,
-    findings: Vec<String>,
-    tables: Vec<ResultTable>,
-    figures: Vec<Figure>,
-    recipe: &'a str,
-}
 
 type Row = (Cell, Outcome);
 
@@ -37,11 +22,9 @@ const BOUND_OF_BOTH: f64 = 0.05;
 /// # Errors
 /// If the page cannot be put together.
 pub fn validation(title: &str, recipe: &str, cells: &[(Cell, Outcome)]) -> Result<String> {
-    let page = Page {
+    Sheet {
         title,
-        version: env!("CARGO_PKG_VERSION"),
-        style: include_str!("template/style.css"),
-        script: include_str!("template/script.js"),
+        kind: "Errors of synthetic recoveries against the Cramér–Rao bound",
         warnings: cells.iter().filter_map(failure).collect(),
         findings: ALL.iter().filter_map(|r| finding(*r, cells)).collect(),
         tables: ALL.iter().filter_map(|r| table(*r, cells)).collect(),
@@ -62,10 +45,11 @@ pub fn validation(title: &str, recipe: &str, cells: &[(Cell, Outcome)]) -> Resul
                 |o| o.coverage,
             ),
         ],
-        recipe,
-    };
-    page.render()
-        .map_err(|e| Error::failed(format!("cannot write the report: {e}")))
+        methods: include_str!("template/validation_methods.html").to_owned(),
+        settings: vec![("recipe.toml", recipe)],
+        ..Sheet::default()
+    }
+    .page()
 }
 
 fn of(recovered: Recovered, cells: &[Row]) -> impl Iterator<Item = &Row> {

@@ -181,6 +181,33 @@
   document.addEventListener("pointerleave", hide);
   addEventListener("scroll", hide, { passive: true });
 
+  /* Tables of class sortable are sorted by the keys of a column; rows without a key stay at the end. */
+  for (const table of document.querySelectorAll("table.sortable")) {
+    const heads = [...table.tHead.rows[0].cells];
+    heads.forEach((head, column) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = head.textContent;
+      head.textContent = "";
+      head.append(button);
+      button.addEventListener("click", () => {
+        const up = head.getAttribute("aria-sort") !== "ascending";
+        for (const other of heads) other.removeAttribute("aria-sort");
+        head.setAttribute("aria-sort", up ? "ascending" : "descending");
+        const key = (row) => row.cells[column].dataset.key;
+        const rows = [...table.tBodies[0].rows];
+        const numeric = rows.every((row) => key(row) === "" || Number.isFinite(+key(row)));
+        rows.sort((a, b) => {
+          const [x, y] = [key(a), key(b)];
+          if (x === "" || y === "") return (x === "") - (y === "");
+          const order = numeric ? x - y : x.localeCompare(y, "en", { numeric: true });
+          return up ? order : -order;
+        });
+        table.tBodies[0].append(...rows);
+      });
+    });
+  }
+
   /* A channel chosen in one figure is chosen in all that have it. */
   document.addEventListener("change", (event) => {
     const input = event.target;
