@@ -307,7 +307,7 @@ impl Part {
     /// Entry of the matrix at i ≥ j, by the unknowns' positions.
     fn entry(&self, i: usize, j: usize) -> f64 {
         let at = i.div_ceil(2) * (self.order + 1) + j.div_ceil(2);
-        let imaginary = |i: usize| i > 0 && i % 2 == 0;
+        let imaginary = |i: usize| i > 0 && i.is_multiple_of(2);
         match (imaginary(i), imaginary(j)) {
             (false, false) => self.real_real[at],
             (false, true) => self.real_imaginary[at],
