@@ -136,7 +136,8 @@ fn timeless(name: &str, bytes: Vec<u8>) -> Vec<u8> {
         let text = String::from_utf8(bytes).expect("UTF-8");
         assert!(text.trim_end().ends_with("</html>"), "the page is whole");
         let (before, rest) = text
-            .split_once("<caption>Time per stage</caption>").expect("the table of times");
+            .split_once("<caption>Time per stage</caption>")
+            .expect("the table of times");
         let (_, after) = rest.split_once("</table>").expect("its end");
         return format!("{before}{after}").into_bytes();
     }
