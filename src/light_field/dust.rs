@@ -67,33 +67,51 @@ pub(super) fn without(rows: &[Row]) -> Option<Sums> {
     if rows.len() <= sound {
         return None;
     }
-    let mut values: Vec<f64> = rows.iter().map(|row| row.1).collect();
-    let middle = values.len() / 2;
-    let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let mut ranked: Vec<(f64, Row)> = rows.iter().map(|r| ((r.1 - median).abs(), *r)).collect();
+    let nth = |values: &mut Vec<f64>, n: usize| *values.select_nth_unstable_by(n, f64::total_cmp).1;
+    let mut scratch: Vec<f64> = rows.iter().map(|row| row.1).collect();
+    let median = nth(&mut scratch, rows.len() / 2);
+    let mut distance: Vec<f64> = rows.iter().map(|r| (r.1 - median).abs()).collect();
     let mut scale = 0.0;
+    let mut trusted = vec![false; rows.len()];
     for _ in 0..STEPS {
-        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut sums = Sums::default();
-        for (_, (t, value, variance)) in ranked.iter().take(sound) {
-            sums.add(*t, *value, *variance);
+        scratch.clone_from(&distance);
+        let limit = nth(&mut scratch, sound - 1);
+        // Among equally distant rows the first ones, so that there are `sound` of them.
+        let mut ties = sound - distance.iter().filter(|d| **d < limit).count();
+        let mut same = true;
+        for (trusted, d) in trusted.iter_mut().zip(&distance) {
+            let tied = *d == limit && ties > 0;
+            ties -= usize::from(tied);
+            let now = *d < limit || tied;
+            same &= *trusted == now;
+            *trusted = now;
         }
+        if same {
+            break;
+        }
+        let sums = sum(rows, |i| trusted[i]);
         let curve = sums.curve()?;
         let trimmed = sums.fit()?;
         let stated = sums.variance / f64::from(sums.count);
         scale = (TRIMMED * trimmed.residual / f64::from(trimmed.freedom.max(1))).max(stated);
-        for (distance, (t, value, _)) in &mut ranked {
-            let (t, k) = (*t, super::strip::PIXEL_VARIANCE);
+        for (distance, (t, value, _)) in distance.iter_mut().zip(rows) {
+            let k = super::strip::PIXEL_VARIANCE;
             *distance = (*value - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
         }
     }
-    let mut kept = Sums::default();
-    for (distance, (t, value, variance)) in &ranked {
-        if *distance <= OFF * scale.sqrt() {
-            kept.add(*t, *value, *variance);
+    let limit = OFF * scale.sqrt();
+    let kept = sum(rows, |i| distance[i] <= limit);
+    (kept.count as usize >= sound && (kept.count as usize) < rows.len()).then_some(kept)
+}
+
+fn sum(rows: &[Row], of: impl Fn(usize) -> bool) -> Sums {
+    let mut sums = Sums::default();
+    for (i, (t, value, variance)) in rows.iter().enumerate() {
+        if of(i) {
+            sums.add(*t, *value, *variance);
         }
     }
-    (kept.count as usize >= sound && (kept.count as usize) < rows.len()).then_some(kept)
+    sums
 }
 
 #[cfg(test)]

@@ -5,9 +5,9 @@ use std::io::Cursor;
 use std::path::Path;
 
 use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, ImageAttributes,
-    IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2, WritableImage,
-    read_first_flat_layer_from_file,
+    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image,
+    ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2,
+    WritableImage, read_first_flat_layer_from_file,
 };
 
 use super::LightField;
@@ -158,11 +158,11 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
         layers.push(Layer::new(
             Vec2(width, height),
             attributes,
-            // Blocks are compressed in parallel: their order must be stated for the bytes to be the same
-            // every time.
+            // Most cells of a light field were never seen, and runs of zeros are all that there is to gain.
             Encoding {
+                compression: Compression::RLE,
+                blocks: Blocks::ScanLines,
                 line_order: LineOrder::Increasing,
-                ..Encoding::SMALL_FAST_LOSSLESS
             },
             channels,
         ));
@@ -174,6 +174,7 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
     let mut bytes = Cursor::new(Vec::new());
     image
         .write()
+        .non_parallel()
         .to_buffered(&mut bytes)
         .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))?;
     let mut bytes = bytes.into_inner();

@@ -285,12 +285,14 @@ pub fn write_lat_long(file: &Path, lighting: &Lighting) -> Result<()> {
         environment_map: Some(exr::meta::attribute::EnvironmentMap::LatitudeLongitude),
         ..openexr::LayerAttributes::default()
     };
-    write_planes(
+    // All but one row of it is black.
+    write_compressed(
         file,
         [WIDTH, HEIGHT],
         &lighting.channels,
         planes,
         attributes,
+        openexr::Compression::RLE,
     )
 }
 
@@ -303,6 +305,18 @@ pub(crate) fn write_planes(
     planes: Vec<Vec<f32>>,
     attributes: openexr::LayerAttributes,
 ) -> Result<()> {
+    let zip = openexr::Compression::ZIP16;
+    write_compressed(file, size, channels, planes, attributes, zip)
+}
+
+fn write_compressed(
+    file: &Path,
+    size: [usize; 2],
+    channels: &[String],
+    planes: Vec<Vec<f32>>,
+    attributes: openexr::LayerAttributes,
+    compression: openexr::Compression,
+) -> Result<()> {
     let [width, height] = size;
     let channels: openexr::AnyChannels<openexr::FlatSamples> = openexr::AnyChannels::sort(
         channels
@@ -314,15 +328,19 @@ pub(crate) fn write_planes(
             .collect(),
     );
     let encoding = openexr::Encoding {
-        compression: openexr::Compression::ZIP16,
+        compression,
         blocks: openexr::Blocks::ScanLines,
         line_order: openexr::LineOrder::Increasing,
     };
     let layer = openexr::Layer::new((width, height), attributes, encoding, channels);
     let image = openexr::Image::from_layer(layer);
     let mut bytes = Cursor::new(Vec::new());
-    image
-        .write()
+    let writer = match compression {
+        // So cheap that threads would cost more.
+        openexr::Compression::RLE => image.write().non_parallel(),
+        _ => image.write(),
+    };
+    writer
         .to_buffered(&mut bytes)
         .map_err(|e| Error::write(file, e))?;
     let write = || {

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::advice;
 use super::explain;
+use super::fingerprint::fingerprint;
 use super::fit;
 use super::joint;
 use super::lean;
@@ -309,7 +310,7 @@ impl Clock {
     }
 }
 
-/// blake3 hashes of all files that a run reads, by names relative to the capture or the recipe.
+/// Hashes of all files that a run reads, by names relative to the capture or the recipe.
 ///
 /// # Errors
 /// If a file cannot be read.
@@ -338,8 +339,8 @@ pub fn input_hashes(
     files
         .into_par_iter()
         .map(|(name, path)| {
-            let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
-            Ok((name, blake3::hash(&bytes).to_hex().to_string()))
+            let hash = fingerprint(&path)?;
+            Ok((name, hash))
         })
         .collect()
 }

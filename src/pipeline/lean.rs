@@ -108,12 +108,17 @@ pub struct Lean {
     slide: Vec<f64>,
 }
 
+/// Whether a set's outlines show a lean that matters.
+pub fn shows(settled: &Settled) -> bool {
+    let [x, y] = settled.axis;
+    let size = x.hypot(y);
+    size > LEAST && size > SIGNIFICANT * settled.sigma_axis
+}
+
 impl Lean {
     /// The lean of a set, if it has one.
     pub fn of(settled: &Settled, views: &[LeaningView<'_>]) -> Option<Self> {
-        let [x, y] = settled.axis;
-        let size = x.hypot(y);
-        if !(size > LEAST && size > SIGNIFICANT * settled.sigma_axis) {
+        if !shows(settled) {
             return None;
         }
         let mut lean = Self {

@@ -118,7 +118,7 @@ pub fn fit_models(estimate: &BrdfEstimate, absolute: bool) -> (Option<BrdfModels
     let stride = estimate
         .slices
         .iter()
-        .map(|s| (s.resolution / spacing).round() as usize)
+        .map(|s| (s.resolution / spacing).ceil() as usize)
         .max()
         .unwrap_or(1)
         .max(1);

@@ -4,6 +4,7 @@ mod advice;
 mod brdf_products;
 mod execute;
 mod explain;
+mod fingerprint;
 mod fit;
 mod joint;
 mod lean;

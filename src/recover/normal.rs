@@ -37,6 +37,9 @@ pub struct NormalSystem {
     pub largest: f64,
     /// H_p(θo′) for each column, \[column\]\[p\], 0 ≤ p ≤ P.
     pub transfer: Vec<Vec<Complex64>>,
+    /// Weights of the samples, \[column\]\[n\]; 0 where missing.
+    pub weights: Vec<Vec<f64>>,
+    turns: Vec<Turns>,
 }
 
 /// Position of Re L_p in the vector of unknowns; Im L_p (p ≥ 1) follows it.
@@ -81,29 +84,58 @@ fn weight(variance: f64) -> f64 {
 /// other.
 const LANES: usize = 8;
 
-/// Σ_i value_i e^{−idα_i} for 0 ≤ d ≤ order: an FFT on a regular circle, else by recurrence.
-fn exponential_sums(column: &Column, values: &[f64], order: usize) -> Vec<Complex64> {
-    if let Some(n) = column.regular()
-        && order > 4
-    {
-        let start = column.alpha.first().copied().unwrap_or(0.0);
-        return CircleTransform::new(n, start).sum(values, order);
+/// How the samples of a column lie on the circle.
+#[derive(Clone, Debug)]
+enum Turns {
+    /// Evenly, so many of them from this α on.
+    Regular(usize, f64),
+    /// Anyhow: cos α and −sin α of each, the factors from one frequency to the next.
+    Irregular(Vec<[f64; 2]>),
+}
+
+impl Turns {
+    fn of(column: &Column) -> Self {
+        match column.regular() {
+            Some(n) => Self::Regular(n, column.alpha.first().copied().unwrap_or(0.0)),
+            None => Self::Irregular(Self::each(column)),
+        }
     }
+
+    fn each(column: &Column) -> Vec<[f64; 2]> {
+        let turn = |alpha: &f64| {
+            let (sin, cos) = (-alpha).sin_cos();
+            [cos, sin]
+        };
+        column.alpha.iter().map(turn).collect()
+    }
+
+    /// Σ_i value_i e^{−idα_i} for 0 ≤ d ≤ order: an FFT on a regular circle, else by recurrence.
+    fn sums(&self, column: &Column, values: &[f64], order: usize) -> Vec<Complex64> {
+        match self {
+            Self::Regular(n, start) if order > 4 => {
+                CircleTransform::new(*n, *start).sum(values, order)
+            }
+            Self::Regular(..) => recurrence(&Self::each(column), values, order),
+            Self::Irregular(turns) => recurrence(turns, values, order),
+        }
+    }
+}
+
+/// Σ_i value_i turn_i^d for 0 ≤ d ≤ order.
+fn recurrence(turns: &[[f64; 2]], values: &[f64], order: usize) -> Vec<Complex64> {
     let mut sums = vec![Complex64::ZERO; order + 1];
-    let present: Vec<(f64, f64)> = column
-        .alpha
-        .iter()
-        .zip(values)
-        .filter(|(_, value)| **value != 0.0)
-        .map(|(&alpha, &value)| (alpha, value))
-        .collect();
-    for block in present.chunks(LANES) {
+    let mut present = turns.iter().zip(values).filter(|(_, value)| **value != 0.0);
+    loop {
         // Real and imaginary parts apart: lanes of plain numbers are what processors are fast at.
         let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
         let (mut cosine, mut sine) = ([0.0; LANES], [0.0; LANES]);
-        for (lane, &(alpha, value)) in block.iter().enumerate() {
-            re[lane] = value;
-            (sine[lane], cosine[lane]) = (-alpha).sin_cos();
+        let mut filled = 0;
+        for ([cos, sin], value) in present.by_ref().take(LANES) {
+            (re[filled], cosine[filled], sine[filled]) = (*value, *cos, *sin);
+            filled += 1;
+        }
+        if filled == 0 {
+            return sums;
         }
         for s in &mut sums {
             *s += Complex64::new(re.iter().sum(), im.iter().sum());
@@ -114,7 +146,6 @@ fn exponential_sums(column: &Column, values: &[f64], order: usize) -> Vec<Comple
             }
         }
     }
-    sums
 }
 
 impl NormalSystem {
@@ -137,14 +168,20 @@ impl NormalSystem {
         order: usize,
     ) -> Self {
         let n = 2 * order + 1;
-        let parts: Vec<Part> = samples
+        let turns: Vec<Turns> = samples.columns.iter().map(Turns::of).collect();
+        let weights: Vec<Vec<f64>> = samples
             .columns
+            .iter()
+            .map(|c| c.variance[channel].iter().map(|&v| weight(v)).collect())
+            .collect();
+        let parts: Vec<Part> = (0..samples.columns.len())
+            .collect::<Vec<_>>()
             .par_chunks(CHUNK)
-            .zip(transfer.par_chunks(CHUNK))
-            .map(|(columns, rows)| {
+            .map(|places| {
                 let mut part = Part::new(order);
-                for (column, h) in columns.iter().zip(rows) {
-                    part.add(column, channel, h);
+                for &j in places {
+                    let column = &samples.columns[j];
+                    part.add(column, &turns[j], channel, &weights[j], &transfer[j]);
                 }
                 part
             })
@@ -153,7 +190,7 @@ impl NormalSystem {
         for part in &parts {
             sum.merge(part);
         }
-        let matrix = Mat::from_fn(n, n, |i, j| sum.matrix[i.max(j) * n + i.min(j)]);
+        let matrix = Mat::from_fn(n, n, |i, j| sum.entry(i.max(j), i.min(j)));
         Self {
             order,
             matrix,
@@ -163,29 +200,28 @@ impl NormalSystem {
             weight: sum.weight,
             largest: sum.largest,
             transfer,
+            weights,
+            turns,
         }
     }
 
     /// Dᵀ W f for any function f given at the samples, \[column\]\[n\]; f at missing samples is
-    /// ignored.
-    pub fn project(&self, samples: &Samples, channel: usize, f: &[Vec<f64>]) -> Vec<f64> {
-        let parts: Vec<Vec<f64>> = samples
-            .columns
+    /// ignored. `samples` are those that the system was made of.
+    pub fn project(&self, samples: &Samples, f: &[Vec<f64>]) -> Vec<f64> {
+        let parts: Vec<Vec<f64>> = f
             .par_chunks(CHUNK)
-            .zip(self.transfer.par_chunks(CHUNK))
-            .zip(f.par_chunks(CHUNK))
-            .map(|((columns, rows), values)| {
+            .enumerate()
+            .map(|(chunk, values)| {
                 let mut y = vec![0.0; 2 * self.order + 1];
-                for ((column, h), f) in columns.iter().zip(rows).zip(values) {
+                for (k, f) in values.iter().enumerate() {
+                    let j = chunk * CHUNK + k;
                     let weighted: Vec<f64> = f
                         .iter()
-                        .zip(&column.variance[channel])
-                        .map(|(f, v)| match weight(*v) {
-                            0.0 => 0.0,
-                            w => w * f,
-                        })
+                        .zip(&self.weights[j])
+                        .map(|(f, w)| if *w > 0.0 { w * f } else { 0.0 })
                         .collect();
-                    add_projection(&mut y, h, &exponential_sums(column, &weighted, self.order));
+                    let sums = self.turns[j].sums(&samples.columns[j], &weighted, self.order);
+                    add_projection(&mut y, &self.transfer[j], &sums);
                 }
                 y
             })
@@ -236,10 +272,14 @@ fn add_projection(y: &mut [f64], h: &[Complex64], t: &[Complex64]) {
     }
 }
 
-/// The sums of some columns; only the lower triangle of the matrix is filled.
+/// The sums of some columns. The matrix is kept in four blocks, by whether row p and column q ≤ p belong to a real
+/// part or an imaginary one, \[p\]\[q\]: what stands side by side is then computed side by side.
 struct Part {
     order: usize,
-    matrix: Vec<f64>,
+    real_real: Vec<f64>,
+    real_imaginary: Vec<f64>,
+    imaginary_real: Vec<f64>,
+    imaginary_imaginary: Vec<f64>,
     vector: Vec<f64>,
     square: f64,
     count: usize,
@@ -249,11 +289,14 @@ struct Part {
 
 impl Part {
     fn new(order: usize) -> Self {
-        let n = 2 * order + 1;
+        let block = vec![0.0; (order + 1) * (order + 1)];
         Self {
             order,
-            matrix: vec![0.0; n * n],
-            vector: vec![0.0; n],
+            real_real: block.clone(),
+            real_imaginary: block.clone(),
+            imaginary_real: block.clone(),
+            imaginary_imaginary: block,
+            vector: vec![0.0; 2 * order + 1],
             square: 0.0,
             count: 0,
             weight: 0.0,
@@ -261,9 +304,28 @@ impl Part {
         }
     }
 
+    /// Entry of the matrix at i ≥ j, by the unknowns' positions.
+    fn entry(&self, i: usize, j: usize) -> f64 {
+        let at = i.div_ceil(2) * (self.order + 1) + j.div_ceil(2);
+        let imaginary = |i: usize| i > 0 && i.is_multiple_of(2);
+        match (imaginary(i), imaginary(j)) {
+            (false, false) => self.real_real[at],
+            (false, true) => self.real_imaginary[at],
+            (true, false) => self.imaginary_real[at],
+            (true, true) => self.imaginary_imaginary[at],
+        }
+    }
+
     fn merge(&mut self, other: &Self) {
-        for (a, b) in self.matrix.iter_mut().zip(&other.matrix) {
-            *a += b;
+        for (all, more) in [
+            (&mut self.real_real, &other.real_real),
+            (&mut self.real_imaginary, &other.real_imaginary),
+            (&mut self.imaginary_real, &other.imaginary_real),
+            (&mut self.imaginary_imaginary, &other.imaginary_imaginary),
+        ] {
+            for (a, b) in all.iter_mut().zip(more) {
+                *a += b;
+            }
         }
         for (a, b) in self.vector.iter_mut().zip(&other.vector) {
             *a += b;
@@ -274,18 +336,17 @@ impl Part {
         self.largest = self.largest.max(other.largest);
     }
 
-    fn add(&mut self, column: &Column, channel: usize, h: &[Complex64]) {
-        let n = 2 * self.order + 1;
-        let weights: Vec<f64> = column.variance[channel]
-            .iter()
-            .map(|&v| weight(v))
-            .collect();
+    fn add(
+        &mut self,
+        column: &Column,
+        turns: &Turns,
+        channel: usize,
+        weights: &[f64],
+        h: &[Complex64],
+    ) {
+        let order = self.order;
         let mut weighted = vec![0.0; weights.len()];
-        for ((out, &w), &b) in weighted
-            .iter_mut()
-            .zip(&weights)
-            .zip(&column.value[channel])
-        {
+        for ((out, &w), &b) in weighted.iter_mut().zip(weights).zip(&column.value[channel]) {
             if w > 0.0 {
                 *out = w * b;
                 self.square += w * b * b;
@@ -297,31 +358,47 @@ impl Part {
         add_projection(
             &mut self.vector,
             h,
-            &exponential_sums(column, &weighted, self.order),
+            &turns.sums(column, &weighted, self.order),
         );
-        // S_d = Σ w e^{idα}.
-        let s: Vec<Complex64> = exponential_sums(column, &weights, 2 * self.order)
-            .iter()
-            .map(Complex64::conj)
-            .collect();
+        // S_d = Σ w e^{idα}; real and imaginary parts apart, and once more backwards from the order, so that all
+        // that a row needs runs forwards.
+        let sums = turns.sums(column, weights, 2 * order);
+        let s: [Vec<f64>; 2] = [
+            sums.iter().map(|s| s.re).collect(),
+            sums.iter().map(|s| -s.im).collect(),
+        ];
+        let back =
+            [0, 1].map(|k: usize| s[k][..=order].iter().rev().copied().collect::<Vec<f64>>());
+        let parts: [Vec<f64>; 2] = [
+            h.iter().map(|h| h.re).collect(),
+            h.iter().map(|h| h.im).collect(),
+        ];
         let h0 = h[0].re;
-        self.matrix[0] += h0 * h0 * s[0].re;
-        for p in 1..=self.order {
-            let (re, im) = (2 * p - 1, 2 * p);
-            let with_mean = 2.0 * h0 * h[p] * s[p];
-            self.matrix[re * n] += with_mean.re;
-            self.matrix[im * n] -= with_mean.im;
-            let (upper, lower) = self.matrix.split_at_mut(im * n);
-            let row_re = &mut upper[re * n..re * n + n];
-            let row_im = &mut lower[..n];
-            for q in 1..=p {
+        self.real_real[0] += h0 * h0 * s[0][0];
+        for p in 1..=order {
+            let start = p * (order + 1);
+            let (re, im) = (h[p].re, h[p].im);
+            self.real_real[start] += 2.0 * h0 * (re * s[0][p] - im * s[1][p]);
+            self.imaginary_real[start] -= 2.0 * h0 * (re * s[1][p] + im * s[0][p]);
+            let (hr, hi) = (&parts[0][1..=p], &parts[1][1..=p]);
+            let (dr, di) = (&back[0][order - p + 1..], &back[1][order - p + 1..]);
+            let (sr, si) = (&s[0][p + 1..=2 * p], &s[1][p + 1..=2 * p]);
+            let (dr, di) = (&dr[..p], &di[..p]);
+            let row = start + 1..start + 1 + p;
+            let rr = &mut self.real_real[row.clone()];
+            let ri = &mut self.real_imaginary[row.clone()];
+            let ir = &mut self.imaginary_real[row.clone()];
+            let ii = &mut self.imaginary_imaginary[row];
+            for q in 0..p {
                 // Σ w G_p conj(G_q) and Σ w G_p G_q with G_p = H_p e^{ipα}.
-                let difference = h[p] * h[q].conj() * s[p - q];
-                let sum = h[p] * h[q] * s[p + q];
-                row_re[2 * q - 1] += 2.0 * (difference.re + sum.re);
-                row_re[2 * q] += 2.0 * (difference.im - sum.im);
-                row_im[2 * q - 1] -= 2.0 * (difference.im + sum.im);
-                row_im[2 * q] += 2.0 * (difference.re - sum.re);
+                let (x, y) = (re * dr[q] - im * di[q], re * di[q] + im * dr[q]);
+                let difference = (x * hr[q] + y * hi[q], y * hr[q] - x * hi[q]);
+                let (x, y) = (re * sr[q] - im * si[q], re * si[q] + im * sr[q]);
+                let sum = (x * hr[q] - y * hi[q], x * hi[q] + y * hr[q]);
+                rr[q] += 2.0 * (difference.0 + sum.0);
+                ri[q] += 2.0 * (difference.1 - sum.1);
+                ir[q] -= 2.0 * (difference.1 + sum.1);
+                ii[q] += 2.0 * (difference.0 - sum.0);
             }
         }
     }
@@ -432,7 +509,7 @@ mod tests {
         let x: Vec<f64> = (0..13).map(|k| (k as f64 * 1.3).cos()).collect();
         let predicted = system.predict(&samples, &to_series(&x));
         // D x projected is A x.
-        let projected = system.project(&samples, 0, &predicted);
+        let projected = system.project(&samples, &predicted);
         for (a, projected) in projected.iter().enumerate() {
             let ax: f64 = (0..13).map(|b| system.matrix[(a, b)] * x[b]).sum();
             assert!((ax - projected).abs() < 1e-9 * system.matrix[(0, 0)]);

@@ -316,7 +316,7 @@ impl Block {
                     out[i] = if view as usize == k { slope[i] } else { 0.0 };
                 }
             }
-            for (i, y) in system.project(&samples, c, &masked).into_iter().enumerate() {
+            for (i, y) in system.project(&samples, &masked).into_iter().enumerate() {
                 cross[(i, k)] = y;
             }
         }

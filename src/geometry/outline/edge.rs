@@ -5,11 +5,13 @@
 //! pixel. What tells the limb from the edge of a shadow (a sun's terminator) is that there B starts
 //! from the background with a finite slope: no step and no root.
 
+use std::ops::Range;
+
 use image::{ImageBuffer, Luma};
 use imageproc::filter::horizontal_filter;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-use super::strip::{Profile, Strip};
+use super::strip::{Line, Profile, Strip};
 
 /// Pixels of background that a decision looks at.
 const OUTSIDE: usize = 8;
@@ -170,9 +172,10 @@ pub(super) struct Edge {
 }
 
 struct Sample {
-    depth: f64,
     value: f64,
     weight: f64,
+    /// Square root of the weight.
+    root: f64,
 }
 
 /// Blurs that are tried, pixels (standard deviation), and the part of χ² that blur must explain to be believed: the
@@ -231,16 +234,28 @@ pub(super) fn locate(
 ) -> Option<Edge> {
     let inside = (0.03 * radius_px).clamp(6.0, INSIDE as f64);
     let mut samples = Vec::new();
-    for line in &strip.lines {
-        let from = (start - OUTSIDE as f64 - line.first).ceil().max(0.0) as usize;
-        let to = (start + inside - line.first).floor().max(0.0) as usize;
-        for k in from..(to + 1).min(line.value.len()) {
-            if line.variance[k].is_finite() {
-                samples.push(Sample {
-                    depth: line.first + k as f64,
-                    value: f64::from(line.value[k]),
-                    weight: f64::from(line.variance[k]),
-                });
+    let mut depths: Vec<(f64, Range<usize>)> = Vec::new();
+    for row in level(&strip.lines) {
+        let Some(first) = row.first().map(|line| line.first) else {
+            continue;
+        };
+        let from = (start - OUTSIDE as f64 - first).ceil().max(0.0) as usize;
+        let to = (start + inside - first).floor().max(0.0) as usize;
+        for k in from..=to {
+            let begin = samples.len();
+            for line in row {
+                if let (Some(value), Some(variance)) = (line.value.get(k), line.variance.get(k))
+                    && variance.is_finite()
+                {
+                    samples.push(Sample {
+                        value: f64::from(*value),
+                        weight: f64::from(*variance),
+                        root: 0.0,
+                    });
+                }
+            }
+            if samples.len() > begin {
+                depths.push((first + k as f64, begin..samples.len()));
             }
         }
     }
@@ -252,6 +267,7 @@ pub(super) fn locate(
     let mut systematic = 0.0;
     for s in &mut samples {
         s.weight = 1.0 / (s.weight.max(profile.pixel_variance) + floor);
+        s.root = s.weight.sqrt();
         systematic += floor * s.weight;
         if !s.weight.is_finite() {
             return None;
@@ -266,6 +282,7 @@ pub(super) fn locate(
     let bound = |power: i32, share: f64| (span.sqrt().powi(power) / (share * (high - low))).powi(2);
     let prior = SVector::<f64, 6>::new(0.0, 0.0, 0.0, bound(1, 1.0), bound(2, 1.0), bound(3, 0.5));
 
+    let blur = nodes(blur);
     let mut edge = start;
     let mut levels = SVector::<f64, 5>::zeros();
     let mut sigma = f64::INFINITY;
@@ -279,9 +296,9 @@ pub(super) fn locate(
         }
         let mut chi = 0.0;
         let mut total = 0.0;
-        for s in &samples {
-            let (basis, turn) = blurred_pixel(s.depth - edge, strip.slant, blur);
-            let miss = s.value - basis.dot(&levels);
+        for (depth, rows) in &depths {
+            let (basis, turn) = blurred_pixel(depth - edge, strip.slant, &blur);
+            let expected = basis.dot(&levels);
             // The first pass has no levels yet: it solves for them alone, the edge held.
             let d_edge = if iteration == 0 {
                 0.0
@@ -290,17 +307,23 @@ pub(super) fn locate(
             };
             let row =
                 SVector::<f64, 6>::new(d_edge, basis[0], basis[1], basis[2], basis[3], basis[4]);
-            let sigmas = miss.abs() * s.weight.sqrt();
-            let huber = if iteration > 1 && sigmas > 2.5 {
-                2.5 / sigmas
-            } else {
-                1.0
-            };
-            let w = s.weight * huber;
-            normal.ger(w, &row, &row, 1.0);
-            right += row * (w * miss);
-            chi += w * miss * miss;
-            total += huber;
+            let (mut weight, mut pull) = (0.0, 0.0);
+            for s in &samples[rows.clone()] {
+                let miss = s.value - expected;
+                let sigmas = miss.abs() * s.root;
+                let huber = if iteration > 1 && sigmas > 2.5 {
+                    2.5 / sigmas
+                } else {
+                    1.0
+                };
+                let w = s.weight * huber;
+                weight += w;
+                pull += w * miss;
+                chi += w * miss * miss;
+                total += huber;
+            }
+            normal.ger(weight, &row, &row, 1.0);
+            right += row * pull;
         }
         if iteration == 0 {
             normal[(0, 0)] = 1.0;
@@ -332,21 +355,46 @@ pub(super) fn locate(
     })
 }
 
-/// [`pixel`] seen through a Gaussian blur along the row.
-fn blurred_pixel(depth: f64, slant: f64, blur: f64) -> (SVector<f64, 5>, SVector<f64, 5>) {
+/// Rows whose pixels lie at the same depths together: all of an upright cylinder's, each by itself where the
+/// limb is bent.
+fn level(lines: &[Line]) -> impl Iterator<Item = &[Line]> {
+    // The limb of a row is found to better than this.
+    lines.chunk_by(|a, b| (a.first - b.first).abs() < 1e-8)
+}
+
+/// Nodes of a Gaussian blur along the row (pixels) and their weights.
+fn nodes(blur: f64) -> Vec<(f64, f64)> {
     if !(blur > 0.0) {
-        return pixel(depth, slant);
+        return vec![(0.0, 1.0)];
     }
-    let (mut total, mut basis, mut turn) = (0.0, SVector::zeros(), SVector::zeros());
-    for k in -BLUR_NODES..=BLUR_NODES {
+    let all = (-BLUR_NODES..=BLUR_NODES).map(|k| {
         let z = 0.5 * f64::from(k);
-        let weight = (-0.5 * z * z).exp();
-        let (b, t) = pixel(depth + blur * z, slant);
-        total += weight;
-        basis += b * weight;
-        turn += t * weight;
+        (blur * z, (-0.5 * z * z).exp())
+    });
+    let total: f64 = all.clone().map(|(_, weight)| weight).sum();
+    all.map(|(at, weight)| (at, weight / total)).collect()
+}
+
+/// [`pixel`] seen through a blur of such nodes, in increasing order.
+fn blurred_pixel(
+    depth: f64,
+    slant: f64,
+    blur: &[(f64, f64)],
+) -> (SVector<f64, 5>, SVector<f64, 5>) {
+    let (mut basis, mut turn) = (SVector::zeros(), SVector::zeros());
+    if blur
+        .last()
+        .is_none_or(|(deepest, _)| depth + deepest + 0.5 <= 0.0)
+    {
+        basis[0] = 1.0;
+        return (basis, turn);
     }
-    (basis / total, turn / total)
+    for (at, weight) in blur {
+        let (b, t) = pixel(depth + at, slant);
+        basis += b * *weight;
+        turn += t * *weight;
+    }
+    (basis, turn)
 }
 
 /// Background and l₀ … l₃ averaged over a pixel whose centre lies `depth` inside the limb (along the

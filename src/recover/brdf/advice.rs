@@ -4,8 +4,8 @@ use faer::Mat;
 
 use super::basis::Basis;
 use super::information::{Illumination, Information};
-use super::posterior::value_at;
 use super::prior::{Factor, Penalties, Relief, Smoothness};
+use super::space::Space;
 use super::{Options, Slice};
 use crate::angle::WorldAngle;
 use crate::light_field::Samples;
@@ -36,6 +36,7 @@ pub fn advise(
     slice: &Slice,
 ) -> Result<Advice> {
     let basis = Basis::new(INTERVALS);
+    let space = Space::uniform(basis);
     let mean_square =
         slice.reciprocal.iter().map(|v| v * v).sum::<f64>() / slice.reciprocal.len().max(1) as f64;
     let irradiance = if light_channel < lighting.channels.len() {
@@ -51,7 +52,7 @@ pub fn advise(
     let angle = |k: usize| FARTHEST * (2.0 * k as f64 / (PLACES - 1) as f64 - 1.0);
     let places: Vec<_> = (0..PLACES)
         .flat_map(|i| (0..=i).map(move |j| (i, j)))
-        .map(|(i, j)| value_at(basis, angle(i), angle(j)))
+        .map(|(i, j)| space.value_at(angle(i), angle(j)))
         .collect();
     let variances = |covariance: &Mat<f64>| -> Vec<f64> {
         places
@@ -60,9 +61,9 @@ pub fn advise(
             .collect()
     };
     let length = Options::default().longest.powi(6);
-    let penalties = Penalties::new(basis, &Relief::flat(basis));
+    let penalties = Penalties::new(&space, &Relief::flat(basis));
     let prior = |amplitude: f64| {
-        let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
+        let mut matrix = Mat::zeros(space.len(), space.len());
         let smoothness = Smoothness {
             amplitude,
             across: amplitude * length,
@@ -78,7 +79,7 @@ pub fn advise(
     let thinned = Thinned::new(samples, channel, orbits, slice.noise);
     let light = Illumination::new(basis, lighting, light_channel);
     let information = |samples: &Samples, light: &Illumination| -> Option<Mat<f64>> {
-        let equations = Information::new(samples, 0, &[], light).equations(1.0);
+        let equations = Information::new(samples, 0, &[], light, space.clone()).equations(1.0);
         equations.ok().map(|e| e.matrix)
     };
     let Some(have) = information(&thinned.samples, &light) else {
@@ -94,7 +95,7 @@ pub fn advise(
             .sum();
         Some(sum / expected.len() as f64)
     };
-    let Some(now) = known(&Mat::zeros(basis.pairs(), basis.pairs())) else {
+    let Some(now) = known(&Mat::zeros(space.len(), space.len())) else {
         return Err(Error::failed("the information matrix cannot be inverted"));
     };
     Ok(Advice {

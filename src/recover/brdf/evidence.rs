@@ -163,14 +163,14 @@ fn limited(w: [f64; 3], spacing: f64, longest: f64) -> [f64; 3] {
 /// # Errors
 /// If the normal equations cannot be factored.
 pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Learnt> {
-    let basis = information.basis;
-    let n = basis.pairs();
+    let space = &information.space;
+    let (basis, n) = (space.basis(), space.len());
     let mut rng = ChaCha8Rng::seed_from_u64(0x5eed_b4df);
     let mut relief = Relief::flat(basis);
     let mut level = Level {
         equations: information.equations(1.0)?,
         count: information.count as f64,
-        penalties: Penalties::new(basis, &relief),
+        penalties: Penalties::new(space, &relief),
         places: basis.len() * basis.len(),
         white: Mat::from_fn(n, PROBES, |_, _| StandardNormal.sample(&mut rng)),
     };
@@ -245,7 +245,7 @@ pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Lea
                 *e += v;
             }
             relief.update(&expected, &level.energy(&now, &prior_draws), RELIEF);
-            level.penalties = Penalties::new(basis, &relief);
+            level.penalties = Penalties::new(space, &relief);
         } else if settled && round > 6 {
             break;
         }

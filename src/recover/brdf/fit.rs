@@ -1,326 +1,169 @@
-//! The fit of one channel, and what is read from it: values, spectrum, bounds, status.
+//! The fit of one channel, and where it wants finer splines.
 
-use std::f64::consts::{FRAC_PI_2, PI};
-
-use faer::Mat;
-use num_complex::Complex64;
-use rayon::prelude::*;
-
-use super::basis::{Basis, END_SHAPES};
-use super::estimate::Coefficient;
 use super::information::Information;
-use super::posterior::{self, Posterior};
-use super::prior::{Factor, Penalties, Precision, Relief, Smoothness};
-use super::spectrum;
-use super::spread::{self, Spread, Variances};
+use super::posterior::{self, Free, Posterior};
+use super::prior::{Penalties, Precision, Relief, Smoothness};
+use super::space::Space;
 use crate::Result;
-use crate::lighting::Status;
 
-/// How many times the largest value of the slice a coefficient may be in the problem without smoothness.
-const VAGUE: f64 = 100.0;
+/// Error of the splines, in units of σ, beyond which finer ones are taken: a fifth adds 2 % to the total.
+const TOLERATED: f64 = 0.2;
 
-/// White prior that allows coefficients of [`VAGUE`] times `largest`.
-pub fn vague(basis: Basis, largest: f64) -> Smoothness {
-    let size = VAGUE * largest.max(f64::MIN_POSITIVE.sqrt());
-    Smoothness {
-        amplitude: (basis.spacing() * size).powi(-2),
-        across: 0.0,
-        along: 0.0,
-    }
-}
+/// Cells by which the region of finer splines reaches beyond those that want them: a fine spline is three such cells wide.
+const MARGIN: usize = 2;
 
-/// Status of a quantity from its bound, its σ, and its standard deviation with and without samples under the prior
-/// of limited reach.
-fn classify(bound: f64, sigma: f64, told: f64, prior: f64) -> Status {
-    if bound <= 0.5 * prior && bound <= 10.0 * sigma {
-        Status::Determined
-    } else if told <= 0.5 * prior {
-        Status::Weak
-    } else {
-        Status::Indeterminate
-    }
-}
-
-/// What prior and samples say on coarse splines, when the prior reaches no farther than it may.
-pub struct Reach {
-    basis: Basis,
-    /// The prior alone.
-    prior: Factor,
-    /// Prior and samples, without non-negativity: that narrows σ even where nothing was seen.
-    told: Factor,
-}
-
-impl Reach {
-    /// From the samples on coarse splines, and the prior with its correlation lengths held to `longest`.
-    ///
-    /// # Errors
-    /// If the matrices cannot be factored.
-    pub fn new(
-        information: &Information,
-        smoothness: &Smoothness,
-        relief: &Relief,
-        longest: f64,
-    ) -> Result<Self> {
-        let basis = information.basis;
-        let most = smoothness.amplitude * longest.powi(6);
-        let limited = Smoothness {
-            amplitude: smoothness.amplitude,
-            across: smoothness.across.min(most),
-            along: smoothness.along.min(most),
-        };
-        let mut matrix = Mat::zeros(basis.pairs(), basis.pairs());
-        Penalties::new(basis, relief).add_dense(&limited, &mut matrix);
-        let prior = Factor::new(&matrix)?;
-        matrix += information.equations(1.0)?.matrix;
-        let told = Factor::new(&matrix)?;
-        Ok(Self { basis, prior, told })
-    }
-}
+/// Most unknowns, which bound time and memory: matrices of 50 MB.
+const MOST: usize = 2500;
 
 /// A finished fit, to be read out.
 pub struct Fit {
     /// The samples.
     pub information: Information,
-    /// Coefficients and covariance.
+    /// Unknowns and covariance.
     pub posterior: Posterior,
     /// The prior.
-    prior: Precision,
+    pub prior: Precision,
     /// Σ residual²/σ², by the variances as given.
     pub chi_square: f64,
     /// Effective number of parameters.
     pub parameters: f64,
     /// Factor on all variances.
     pub noise: f64,
-}
-
-/// Values on a grid of cells, \[θi′\]\[θo′\], size².
-pub struct GridValues {
-    /// ρ̃.
-    pub values: Vec<f64>,
-    /// Standard deviation.
-    pub sigma: Vec<f64>,
-    /// Cramér–Rao bound without smoothness.
-    pub bound: Vec<f64>,
-    /// Status.
-    pub status: Vec<Status>,
-}
-
-/// The Cramér–Rao bound without smoothness.
-struct Bounds {
-    /// Covariance of the coefficients.
-    covariance: Mat<f64>,
-    /// σ of the Fourier coefficients, as of [`spectrum::functionals`].
-    spectrum: Vec<f64>,
-}
-
-/// σ by the status: see [`spread`].
-fn sigma(status: Status, variances: Variances) -> f64 {
-    match status {
-        Status::Determined => variances.noise.sqrt(),
-        _ => variances.total.sqrt(),
-    }
+    non_negative: bool,
 }
 
 impl Fit {
-    /// Solves for the coefficients; where the residual is larger than the variances of the samples allow, with all of
+    /// Solves for the unknowns; where the residual is larger than the variances of the samples allow, with all of
     /// them scaled up.
     ///
     /// # Errors
     /// If the normal equations cannot be factored.
     pub fn new(
         information: Information,
-        smoothness: Smoothness,
+        smoothness: &Smoothness,
         relief: &Relief,
         non_negative: bool,
     ) -> Result<Self> {
-        let prior = Penalties::new(information.basis, relief).precision(&smoothness);
-        let pairs = information.basis.pairs() as f64;
-        let count = information.count as f64;
-        let solve = |noise: f64| -> Result<(Posterior, f64, f64)> {
-            let posterior = Posterior::new(&information, &prior, noise, non_negative)?;
-            let chi_square = information.chi_square(&posterior.mean, noise)?;
-            let parameters = pairs - prior.trace_of_square(&posterior.covariance);
-            Ok((posterior, chi_square, parameters))
-        };
+        let prior = Penalties::new(&information.space, relief).precision(smoothness);
         let mut noise = 1.0;
-        let (mut posterior, mut chi_square, mut parameters) = solve(noise)?;
-        let free = count - parameters;
+        let mut free = Free::new(&information, &prior, noise)?;
+        let count = information.count as f64;
+        let freedom = count - free.parameters(&prior);
+        let chi_square = information.chi_square(&free.mean, noise)?;
         // With few samples to spare the residual says nothing about the noise. Else, beyond five standard
         // deviations of χ² the variances are too small, or the model is wrong.
-        if free > 0.05 * count && chi_square / free > 1.0 + 5.0 * (2.0 / free).sqrt() {
-            noise = chi_square / free;
-            drop(posterior);
-            (posterior, chi_square, parameters) = solve(noise)?;
+        if freedom > 0.05 * count && chi_square / freedom > 1.0 + 5.0 * (2.0 / freedom).sqrt() {
+            noise = chi_square / freedom;
+            drop(free);
+            free = Free::new(&information, &prior, noise)?;
         }
+        Self::finish(information, prior, free, noise, non_negative)
+    }
+
+    /// The same fit with all variances `noise` times what they say.
+    ///
+    /// # Errors
+    /// If the normal equations cannot be factored.
+    pub fn at_noise(self, noise: f64) -> Result<Self> {
+        let Self {
+            information,
+            prior,
+            posterior,
+            non_negative,
+            ..
+        } = self;
+        drop(posterior);
+        let free = Free::new(&information, &prior, noise)?;
+        Self::finish(information, prior, free, noise, non_negative)
+    }
+
+    fn finish(
+        information: Information,
+        prior: Precision,
+        free: Free,
+        noise: f64,
+        non_negative: bool,
+    ) -> Result<Self> {
+        let posterior = free.posterior(non_negative)?;
         Ok(Self {
+            chi_square: information.chi_square(&posterior.mean, noise)?,
+            parameters: information.space.len() as f64
+                - prior.trace_of_square(&posterior.covariance),
             information,
             posterior,
             prior,
-            chi_square,
-            parameters,
             noise,
+            non_negative,
         })
     }
 
-    /// The splines.
-    pub fn basis(&self) -> Basis {
-        self.information.basis
+    /// What the unknowns are.
+    pub fn space(&self) -> &Space {
+        &self.information.space
     }
 
-    /// Largest error of the splines in units of σ, estimated from the sixth differences of their coefficients:
-    /// quintic splines miss h⁶ f⁽⁶⁾/46080 in each angle.
-    pub fn spline_error(&self) -> f64 {
-        let basis = self.basis();
-        let x = &self.posterior.mean;
-        let binomials = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
-        let mut largest = 0.0f64;
-        // Where the splines are equally spaced.
-        let edge = END_SHAPES + 3;
-        for m in edge..basis.len() - edge {
-            for n in edge..=m {
-                let difference = |step: &dyn Fn(usize) -> usize| -> f64 {
-                    (0..7).map(|k| binomials[k] * x[step(k)]).sum()
-                };
-                let across_m = difference(&|k| basis.pair(m + k - 3, n));
-                let across_n = difference(&|k| basis.pair(m, n + k - 3));
-                let error = (across_m.abs() + across_n.abs()) / 46080.0;
-                let here = posterior::value_at(basis, basis.centre(m), basis.centre(n));
-                let variance = posterior::variance(&here, &self.posterior.covariance);
-                largest = largest.max(error / variance.sqrt().max(f64::MIN_POSITIVE));
+    /// The space with finer splines wherever the errors of these are not small beside σ; `None` if they are everywhere. If that were more
+    /// than can be afforded, where they are largest beside σ.
+    pub fn finer(&self) -> Option<Space> {
+        let coarse = self.space().basis();
+        let cells = coarse.intervals();
+        let ratio = self.spline_errors();
+        let mut tolerated = TOLERATED;
+        loop {
+            let wanting: Vec<(usize, usize)> = (0..cells * cells)
+                .filter(|&k| ratio[k] > tolerated)
+                .map(|k| (k / cells, k % cells))
+                .collect();
+            if wanting.is_empty() {
+                return None;
             }
-        }
-        largest
-    }
-
-    /// Values of the slice at size² cells, and its Fourier coefficients up to `order`.
-    ///
-    /// # Errors
-    /// If the prior or the problem without smoothness cannot be factored.
-    pub fn read(
-        &self,
-        size: usize,
-        order: usize,
-        reach: &Reach,
-    ) -> Result<(GridValues, Vec<Coefficient>)> {
-        let values = self.values(size);
-        let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let functionals = spectrum::functionals(self.basis(), order);
-        let bounds = self.bounds(largest, &functionals)?;
-        let coefficients = self.coefficients(order, &functionals, &bounds, reach);
-        drop(functionals);
-        Ok((self.grid(size, values, &bounds, reach), coefficients))
-    }
-
-    fn values(&self, size: usize) -> Vec<f64> {
-        let mut values = vec![0.0; size * size];
-        for i in 0..size {
-            for j in 0..=i {
-                let v = posterior::apply(
-                    &posterior::value_at(self.basis(), centre(size, i), centre(size, j)),
-                    &self.posterior.mean,
-                );
-                values[i * size + j] = v;
-                values[j * size + i] = v;
+            let mut refined = vec![false; cells * cells];
+            for (i, j) in wanting {
+                for i in i.saturating_sub(MARGIN)..(i + MARGIN + 1).min(cells) {
+                    for j in j.saturating_sub(MARGIN)..(j + MARGIN + 1).min(cells) {
+                        refined[i * cells + j] = true;
+                    }
+                }
             }
+            let space = Space::refined(coarse, &refined);
+            if space.len() <= MOST {
+                return Some(space);
+            }
+            tolerated *= 1.5;
         }
-        values
     }
 
-    fn bounds(&self, largest: f64, functionals: &Mat<f64>) -> Result<Bounds> {
-        let mut matrix = self.information.equations(self.noise)?.matrix;
-        Penalties::new(self.basis(), &Relief::flat(self.basis()))
-            .add_dense(&vague(self.basis(), largest), &mut matrix);
-        let factor = Factor::new(&matrix)?;
-        drop(matrix);
-        Ok(Bounds {
-            spectrum: spectrum::sigmas(functionals, &factor),
-            covariance: factor.inverse(),
-        })
-    }
-
-    fn grid(&self, size: usize, values: Vec<f64>, bounds: &Bounds, reach: &Reach) -> GridValues {
-        let covariance = &self.posterior.covariance;
-        let spread = Spread::new(self.basis(), covariance, &self.prior);
-        let (prior, told) = (reach.prior.inverse(), reach.told.inverse());
-        let rows: Vec<Vec<(f64, f64, Status)>> = (0..size)
-            .into_par_iter()
-            .map(|i| {
-                let cells = (0..=i).map(|j| {
-                    let (a, b) = (centre(size, i), centre(size, j));
-                    let functional = posterior::value_at(self.basis(), a, b);
-                    let posterior = posterior::variance(&functional, covariance);
-                    let bound = posterior::variance(&functional, &bounds.covariance).sqrt();
-                    let coarse = posterior::value_at(reach.basis, a, b);
-                    let p = posterior::variance(&coarse, &prior).sqrt();
-                    let t = posterior::variance(&coarse, &told).sqrt();
-                    let status = classify(bound, posterior.sqrt(), t, p);
-                    let relative = spread.at(a, b);
-                    let variances = Variances {
-                        noise: posterior * relative.noise,
-                        total: posterior * relative.total,
-                    };
-                    (sigma(status, variances), bound, status)
-                });
-                cells.collect()
+    /// Errors of uniform splines on each cell of their knots \[i\]\[j\], in units of the σ that the samples' stated variances
+    /// lead to. Splines that are too coarse also show as noise above the stated.
+    fn spline_errors(&self) -> Vec<f64> {
+        let basis = self.space().basis();
+        let (cells, len) = (basis.intervals(), basis.len());
+        let c = self.space().coefficients(&self.posterior.mean);
+        // For spline n along one angle, at knot i along the other.
+        let of_spline: Vec<Vec<f64>> = (0..len)
+            .map(|n| {
+                let line: Vec<f64> = (0..len).map(|m| c[basis.pair(m, n)]).collect();
+                basis.errors(&line)
             })
             .collect();
-        let mut out = GridValues {
-            values,
-            sigma: vec![0.0; size * size],
-            bound: vec![0.0; size * size],
-            status: vec![Status::Indeterminate; size * size],
-        };
-        for (i, row) in rows.into_iter().enumerate() {
-            for (j, (sigma, bound, status)) in row.into_iter().enumerate() {
-                for k in [i * size + j, j * size + i] {
-                    out.sigma[k] = sigma;
-                    out.bound[k] = bound;
-                    out.status[k] = status;
+        let knot = |i: usize| basis.cell(i, 0.0);
+        let centre = |i: usize| basis.cell(i, 0.5);
+        let mut out = vec![0.0f64; cells * cells];
+        for i in 1..cells {
+            let here: Vec<f64> = of_spline.iter().map(|errors| errors[i]).collect();
+            for j in 0..cells {
+                let splines = basis.at(centre(j));
+                let error: f64 = splines.iter().map(|(n, v)| v * here[n]).sum();
+                let place = self.space().value_at(knot(i), centre(j));
+                let variance = posterior::variance(&place, &self.posterior.covariance) / self.noise;
+                let ratio = error.abs() / variance.sqrt().max(f64::MIN_POSITIVE);
+                // The knot is the edge of two cells, and of two more across the diagonal.
+                for (a, b) in [(i - 1, j), (i, j), (j, i - 1), (j, i)] {
+                    let cell = &mut out[a * cells + b];
+                    *cell = cell.max(ratio);
                 }
             }
         }
         out
     }
-
-    fn coefficients(
-        &self,
-        order: usize,
-        functionals: &Mat<f64>,
-        bounds: &Bounds,
-        reach: &Reach,
-    ) -> Vec<Coefficient> {
-        let covariance = &self.posterior.covariance;
-        let parts = spread::variances(functionals, covariance, &self.prior);
-        let coarse = spectrum::functionals(reach.basis, order);
-        let prior = spectrum::sigmas(&coarse, &reach.prior);
-        let told = spectrum::sigmas(&coarse, &reach.told);
-        let x = &self.posterior.mean;
-        let dot = |j: usize| -> f64 { functionals.col(j).iter().zip(x).map(|(w, x)| w * x).sum() };
-        spectrum::indices(order)
-            .into_iter()
-            .enumerate()
-            .map(|(k, (p, q))| {
-                let [re, im] = [parts[2 * k], parts[2 * k + 1]];
-                let both = Variances {
-                    noise: spectrum::of_parts(re.noise, im.noise),
-                    total: spectrum::of_parts(re.total, im.total),
-                };
-                let bound = bounds.spectrum[k];
-                let status = classify(bound, both.total.sqrt(), told[k], prior[k]);
-                Coefficient {
-                    p,
-                    q,
-                    value: Complex64::new(dot(2 * k), dot(2 * k + 1)),
-                    sigma: sigma(status, both),
-                    bound,
-                    status,
-                }
-            })
-            .collect()
-    }
-}
-
-/// θ′ at the centre of cell `k` of `size`, radians.
-fn centre(size: usize, k: usize) -> f64 {
-    -FRAC_PI_2 + (k as f64 + 0.5) * PI / size as f64
 }

@@ -1,6 +1,7 @@
 //! What the samples say about the spline coefficients: rows of the model, and their Gram matrices.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::OnceLock;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
@@ -8,6 +9,7 @@ use rayon::prelude::*;
 
 use super::basis::{Basis, END_SHAPES};
 use super::prior::Factor;
+use super::space::Space;
 use crate::Result;
 use crate::angle::{WorldAngle, wrap};
 use crate::light_field::{Column, Samples, Systematic};
@@ -105,6 +107,7 @@ impl Illumination {
         if self.smooth.is_empty() {
             return;
         }
+        let alpha = wrap(alpha);
         let last = self.basis.len() - 1;
         for (m, entry) in row.iter_mut().enumerate() {
             let (shape, shift) = if m < END_SHAPES {
@@ -114,7 +117,14 @@ impl Illumination {
             } else {
                 (END_SHAPES, self.basis.centre(m))
             };
-            let position = (wrap(alpha + shift) + PI) / TAU * CIRCLE as f64;
+            // Within one turn of the circle: sooner done than by the remainder of a division.
+            let mut angle = alpha + shift;
+            if angle < -PI {
+                angle += TAU;
+            } else if angle >= PI {
+                angle -= TAU;
+            }
+            let position = (angle + PI) / TAU * CIRCLE as f64;
             let i = position as usize;
             let t = position - i as f64;
             let table = &self.smooth[shape];
@@ -133,6 +143,8 @@ pub struct ColumnInformation {
     pub rhs: Vec<f64>,
     /// Σ a f / σ² of each systematic error f, \[len\]\[error\].
     cross: Mat<f64>,
+    /// z = B x.
+    touched: Touched,
 }
 
 /// What one column has to say of the systematic errors f themselves.
@@ -145,7 +157,7 @@ struct Shared {
 
 /// The systematic errors that all samples share, each with a normal prior of one standard deviation.
 struct Coupling {
-    /// Σ a f / σ² for the unknowns c_{mn}, m ≥ n, \[pair\]\[error\].
+    /// Σ a f / σ² for the unknowns, \[unknown\]\[error\].
     cross: Mat<f64>,
     /// Σ f fᵀ / σ².
     gram: Mat<f64>,
@@ -153,7 +165,7 @@ struct Coupling {
     rhs: Vec<f64>,
 }
 
-/// Normal equations of the unknowns c_{mn}, m ≥ n.
+/// Normal equations of the unknowns.
 pub struct Equations {
     /// Information matrix J.
     pub matrix: Mat<f64>,
@@ -165,8 +177,8 @@ pub struct Equations {
 
 /// All columns of one channel.
 pub struct Information {
-    /// The splines.
-    pub basis: Basis,
+    /// What the unknowns are.
+    pub space: Space,
     /// Columns that hold a sample.
     pub columns: Vec<ColumnInformation>,
     /// Number of samples.
@@ -175,10 +187,12 @@ pub struct Information {
     square: f64,
     /// `None` without systematic errors.
     coupling: Option<Coupling>,
+    /// The information matrix of independent samples, once it was asked for.
+    independent: OnceLock<Mat<f64>>,
 }
 
 impl Information {
-    /// Reduces `channel` of the samples. Samples with a variance that is not finite and positive, a value
+    /// Reduces `channel` of the samples to equations in `space`, through whose splines the light must have been seen. Samples with a variance that is not finite and positive, a value
     /// that is not finite, or θo′ beyond the half circle have no part in it. A systematic error must be of these
     /// samples.
     pub fn new(
@@ -186,6 +200,7 @@ impl Information {
         channel: usize,
         systematics: &[Systematic],
         light: &Illumination,
+        space: Space,
     ) -> Self {
         let changes: Vec<&Vec<Vec<f64>>> = systematics
             .iter()
@@ -200,16 +215,17 @@ impl Information {
                     .iter()
                     .map(|c| c.get(j).map_or(&[][..], Vec::as_slice))
                     .collect();
-                reduce(column, channel, &own, light)
+                reduce(column, channel, &own, light, &space)
             })
             .collect();
         let errors = changes.len();
         let mut information = Self {
-            basis: light.basis,
+            space,
             columns: Vec::with_capacity(reduced.len()),
             count: 0,
             square: 0.0,
             coupling: None,
+            independent: OnceLock::new(),
         };
         let mut shared = Shared {
             gram: Mat::zeros(errors, errors),
@@ -225,13 +241,12 @@ impl Information {
             }
         }
         if errors > 0 {
-            let mut cross = Mat::zeros(information.basis.pairs(), errors);
+            let mut cross = Mat::zeros(information.space.len(), errors);
             for column in &information.columns {
-                for (n, value) in information.basis.at(column.local).iter() {
-                    for m in 0..information.basis.len() {
-                        let pair = information.basis.pair(m, n);
+                for (unknown, parts) in column.touched.iter() {
+                    for &(m, value) in parts {
                         for s in 0..errors {
-                            cross[(pair, s)] += value * column.cross[(m, s)];
+                            cross[(unknown, s)] += value * column.cross[(m, s)];
                         }
                     }
                 }
@@ -252,7 +267,7 @@ impl Information {
     /// If the systematic errors are not finite.
     pub fn equations(&self, noise: f64) -> Result<Equations> {
         let mut equations = Equations {
-            matrix: self.dense(1.0 / noise),
+            matrix: faer::Scale(1.0 / noise) * self.independent.get_or_init(|| self.dense()),
             right_side: self.right_side().iter().map(|h| h / noise).collect(),
             square: self.square / noise,
         };
@@ -281,7 +296,7 @@ impl Information {
         Ok(equations)
     }
 
-    /// χ² of the coefficients `x`, by the variances as given, with the systematic errors that fit best where there are any.
+    /// χ² of the unknowns `x`, by the variances as given, with the systematic errors that fit best where there are any.
     /// Their own prior counts `noise` times, as if the variances were so many times what they say.
     ///
     /// # Errors
@@ -306,15 +321,16 @@ impl Information {
         Ok((plain - noise * left.squared_norm_l2()).max(0.0))
     }
 
-    /// Σ residual²/σ² of the coefficients `x`.
+    /// Σ residual²/σ² of the unknowns `x`.
     fn plain_chi_square(&self, x: &[f64]) -> f64 {
-        let len = self.basis.len();
+        let basis = self.space.basis();
+        let (len, c) = (basis.len(), self.space.coefficients(x));
         let mut sum = self.square;
         for column in &self.columns {
             let mut z = vec![0.0; len];
-            for (n, value) in self.basis.at(column.local).iter() {
+            for (n, value) in basis.at(column.local).iter() {
                 for (m, z) in z.iter_mut().enumerate() {
-                    *z += value * x[self.basis.pair(m, n)];
+                    *z += value * c[basis.pair(m, n)];
                 }
             }
             for j in 0..len {
@@ -328,56 +344,122 @@ impl Information {
 
     /// The right side of the normal equations, of independent samples.
     fn right_side(&self) -> Vec<f64> {
-        let mut out = vec![0.0; self.basis.pairs()];
+        let mut out = vec![0.0; self.space.len()];
         for column in &self.columns {
-            for (n, value) in self.basis.at(column.local).iter() {
-                for (m, r) in column.rhs.iter().enumerate() {
-                    out[self.basis.pair(m, n)] += value * r;
-                }
+            for (unknown, parts) in column.touched.iter() {
+                out[unknown] += parts.iter().map(|&(m, v)| v * column.rhs[m]).sum::<f64>();
             }
         }
         out
     }
 
-    /// The information matrix of independent samples, dense, times `scale`.
-    fn dense(&self, scale: f64) -> Mat<f64> {
-        let len = self.basis.len();
-        let mut out = Mat::<f64>::zeros(self.basis.pairs(), self.basis.pairs());
-        // Σ over columns of φ_n φ_n' G first: bands |n − n'| ≤ 5 of len² numbers.
-        let bands: Vec<(usize, usize)> = (0..len)
-            .flat_map(|n| (n..(n + 6).min(len)).map(move |k| (n, k)))
-            .collect();
-        let blocks: Vec<Option<Mat<f64>>> = bands
-            .par_iter()
-            .map(|&(n, k)| {
-                let mut block: Option<Mat<f64>> = None;
-                for column in &self.columns {
-                    let local = self.basis.at(column.local);
-                    let value =
-                        |i: usize| local.iter().filter(|e| e.0 == i).map(|e| e.1).sum::<f64>();
-                    let product = value(n) * value(k) * scale;
-                    if product != 0.0 {
-                        let block = block.get_or_insert_with(|| Mat::zeros(len, len));
-                        *block += faer::Scale(product) * &column.gram;
+    /// The information matrix of independent samples, dense: J = Σ over columns of Bᵀ G B.
+    fn dense(&self) -> Mat<f64> {
+        let n = self.space.len();
+        // Where each unknown is found: column, and number there.
+        let mut uses: Vec<Vec<(u32, u32)>> = vec![Vec::new(); n];
+        for (c, column) in self.columns.iter().enumerate() {
+            for (k, &unknown) in column.touched.unknowns.iter().enumerate() {
+                uses[unknown as usize].push((c as u32, k as u32));
+            }
+        }
+        let mut out = Mat::<f64>::zeros(n, n);
+        out.par_col_chunks_mut(1)
+            .zip(uses.par_iter())
+            .for_each(|(mut to, uses)| {
+                let Some(to) = to.as_mut().col_mut(0).try_as_col_major_mut() else {
+                    return;
+                };
+                let to = to.as_slice_mut();
+                let mut product = vec![0.0; self.space.basis().len()];
+                for &(c, k) in uses {
+                    let column = &self.columns[c as usize];
+                    product.fill(0.0);
+                    for &(m, value) in column.touched.parts(k as usize) {
+                        for (p, g) in product.iter_mut().zip(column.gram.col(m).iter()) {
+                            *p += value * g;
+                        }
+                    }
+                    // From the diagonal down.
+                    for i in k as usize..column.touched.unknowns.len() {
+                        let parts = column.touched.parts(i).iter();
+                        to[column.touched.unknowns[i] as usize] +=
+                            parts.map(|&(m, v)| v * product[m]).sum::<f64>();
                     }
                 }
-                block
-            })
-            .collect();
-        for (&(n, k), block) in bands.iter().zip(&blocks) {
-            let Some(block) = block else { continue };
-            for j in 0..len {
-                let to = self.basis.pair(j, k);
-                for i in 0..len {
-                    let from = self.basis.pair(i, n);
-                    out[(from, to)] += block[(i, j)];
-                    if n != k {
-                        out[(to, from)] += block[(i, j)];
-                    }
-                }
+            });
+        for j in 0..n {
+            for i in j + 1..n {
+                out[(j, i)] = out[(i, j)];
             }
         }
         out
+    }
+}
+
+/// A sparse matrix B, the unknowns that show in one column: z = B x.
+struct Touched {
+    /// In increasing order.
+    unknowns: Vec<u32>,
+    /// Where each unknown's pairs (m, factor) begin.
+    starts: Vec<usize>,
+    parts: Vec<(usize, f64)>,
+}
+
+impl Touched {
+    fn new(local: f64, space: &Space) -> Self {
+        let basis = space.basis();
+        let splines: Vec<(usize, f64)> = basis.at(local).iter().collect();
+        // All that is in z_m, one m after the other.
+        let mut found: Vec<(usize, usize, f64)> = Vec::new();
+        let mut slot = vec![usize::MAX; space.len()];
+        let mut counts = vec![0usize; space.len()];
+        for m in 0..basis.len() {
+            let from = found.len();
+            for &(n, value) in &splines {
+                space.each(m, n, |unknown, factor| match found.get_mut(slot[unknown]) {
+                    Some(entry) => entry.2 += value * factor,
+                    None => {
+                        slot[unknown] = found.len();
+                        counts[unknown] += 1;
+                        found.push((unknown, m, value * factor));
+                    }
+                });
+            }
+            for &(unknown, _, _) in &found[from..] {
+                slot[unknown] = usize::MAX;
+            }
+        }
+        // Sorted by unknown.
+        let mut out = Self {
+            unknowns: Vec::new(),
+            starts: vec![0],
+            parts: vec![(0, 0.0); found.len()],
+        };
+        let mut sum = 0;
+        for (unknown, (&count, slot)) in counts.iter().zip(&mut slot).enumerate() {
+            if count > 0 {
+                out.unknowns.push(unknown as u32);
+                *slot = sum;
+                sum += count;
+                out.starts.push(sum);
+            }
+        }
+        for (unknown, m, value) in found {
+            out.parts[slot[unknown]] = (m, value);
+            slot[unknown] += 1;
+        }
+        out
+    }
+
+    /// Pairs (m, factor) of the unknown that is number `k` here.
+    fn parts(&self, k: usize) -> &[(usize, f64)] {
+        &self.parts[self.starts[k]..self.starts[k + 1]]
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (usize, &[(usize, f64)])> {
+        let unknowns = self.unknowns.iter().enumerate();
+        unknowns.map(|(k, &unknown)| (unknown as usize, self.parts(k)))
     }
 }
 
@@ -404,6 +486,7 @@ fn reduce(
     channel: usize,
     changes: &[&[f64]],
     light: &Illumination,
+    space: &Space,
 ) -> Option<Reduced> {
     let local = column.local.rad();
     // Below 1e-6 rad from the horizon the division by the cosine has no meaning.
@@ -474,6 +557,7 @@ fn reduce(
             gram,
             rhs,
             cross,
+            touched: Touched::new(local, space),
         },
         shared,
         count: usable.len(),

@@ -47,6 +47,8 @@ mod fit;
 mod information;
 mod posterior;
 mod prior;
+mod reading;
+mod space;
 mod spectrum;
 mod spread;
 
@@ -59,23 +61,19 @@ pub use advice::advise;
 use basis::Basis;
 pub use estimate::{BrdfEstimate, Coefficient, Slice};
 pub use evidence::CurvePoint;
-use fit::{Fit, Reach, vague};
+use fit::Fit;
 use information::{Illumination, Information};
 use prior::Relief;
 pub use prior::Smoothness;
+use reading::{Reach, vague};
+use space::Space;
 
 /// Longest correlation length that is learnt, radians.
 const LONGEST: f64 = 1.0;
 
 /// Intervals of the splines on which the prior's weights are learnt, and of the first result: 4.5° hold a lobe of exponent
-/// 32 to 3e-6, of 128 to 2e-4.
+/// 32 to 3e-6, of 128 to 2e-4. Where that is not enough, splines on half of it hold 64 times as well.
 const COARSE: usize = 40;
-
-/// Intervals of the splines where that is not enough, one after the other: 3° hold a lobe of exponent 128 to 1e-5, 2.5° to a third of that.
-const FINER: [usize; 2] = [60, 72];
-
-/// Error of the splines, in units of σ, beyond which finer ones are taken: a fifth adds 2 % to the total.
-const TOLERATED: f64 = 0.2;
 
 /// How the weight of the prior is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,7 +95,7 @@ pub enum Regularisation {
 pub struct Options {
     /// Cells of the half × half grid of the result along each side.
     pub size: usize,
-    /// Knot intervals of the splines over the half circle; `None`: 40, or 60 or 72 if the lobe is so sharp and the noise so
+    /// Knot intervals of the splines over the half circle; `None`: 40, and 80 where the lobe is so sharp and the noise so
     /// low that the splines themselves would limit the result.
     pub intervals: Option<usize>,
     /// Highest frequency of the spectrum.
@@ -237,24 +235,29 @@ fn recover_channel(
     options: &Options,
 ) -> Result<Slice> {
     let name = samples.channels.get(channel).map_or("", String::as_str);
+    let reduced = |space: Space| {
+        let light = Illumination::new(space.basis(), lighting, light_channel);
+        let dark = light.is_dark();
+        let information = Information::new(samples, channel, systematics, &light, space);
+        (information, dark)
+    };
     let intervals = options.intervals.unwrap_or(COARSE);
-    let coarse_basis = Basis::new(COARSE.min(intervals));
-    let light = Illumination::new(coarse_basis, lighting, light_channel);
-    if light.is_dark() {
+    let basis = Basis::new(COARSE.min(intervals));
+    let (information, dark) = reduced(Space::uniform(basis));
+    if dark {
         return Err(
             Error::input(format!("the known lighting is dark in channel {name}"))
                 .advice("a BRDF can only be measured under light"),
         );
     }
-    let coarse = Information::new(samples, channel, systematics, &light);
-    if coarse.count == 0 {
+    if information.count == 0 {
         return Err(Error::input(format!(
             "channel {name} has no usable sample of the light field"
         ))
         .advice("check the exposure, the mask and the limb cut"));
     }
     let learnt = evidence::learn(
-        &coarse,
+        &information,
         LONGEST,
         options.curve || options.regularisation == Regularisation::Gcv,
     )?;
@@ -270,48 +273,46 @@ fn recover_channel(
         }
         Regularisation::Factor(f) => learnt.smoothness.times(f),
         Regularisation::Fixed(s) => s,
-        Regularisation::None => vague(coarse_basis, learnt.largest),
+        Regularisation::None => vague(basis.spacing(), learnt.largest),
     };
     let relief = match options.regularisation {
-        Regularisation::Fixed(_) | Regularisation::None => Relief::flat(coarse_basis),
+        Regularisation::Fixed(_) | Regularisation::None => Relief::flat(basis),
         _ => learnt.relief,
     };
-    let reach = Reach::new(&coarse, &smoothness, &relief, options.longest)?;
-    let fit = |intervals: usize| -> Result<Fit> {
-        let basis = Basis::new(intervals);
-        let light = Illumination::new(basis, lighting, light_channel);
-        let information = Information::new(samples, channel, systematics, &light);
-        Fit::new(information, smoothness, &relief, options.non_negative)
+    let reach = Reach::new(&information, &smoothness, &relief, options.longest)?;
+    let mut coarse = Fit::new(information, &smoothness, &relief, options.non_negative)?;
+    let finer = match options.intervals {
+        None => coarse.finer(),
+        Some(intervals) if intervals > COARSE => Some(Space::uniform(Basis::new(intervals))),
+        Some(_) => None,
     };
-    let mut fitted = fit(intervals)?;
-    for finer in FINER {
-        // Splines that are too coarse also show as noise above the stated.
-        let noise = fitted.noise;
-        let coarse = fitted.spline_error() > TOLERATED || noise > 1.0;
-        if options.intervals.is_some() || !coarse {
-            break;
+    let fine = match finer {
+        None => None,
+        Some(space) => {
+            let (information, _) = reduced(space);
+            let fine = Fit::new(information, &smoothness, &relief, options.non_negative)?;
+            if fine.noise != coarse.noise {
+                coarse = coarse.at_noise(fine.noise)?;
+            }
+            Some(fine)
         }
-        drop(fitted);
-        fitted = fit(finer)?;
-        if fitted.noise > 0.95 * noise && noise > 1.0 {
-            break;
-        }
-    }
-    let (grid, spectrum) = fitted.read(options.size, options.order, &reach)?;
+    };
+    let fit = fine.as_ref().unwrap_or(&coarse);
+    let (grid, spectrum) = reading::read(fit, &coarse, options.size, options.order, &reach)?;
     Ok(Slice {
         reciprocal: grid.values,
         sigma: grid.sigma,
         bound: grid.bound,
         status: grid.status,
         spectrum,
-        chi_square: fitted.chi_square,
-        samples: fitted.information.count,
-        parameters: fitted.parameters,
-        noise: fitted.noise,
+        chi_square: fit.chi_square,
+        samples: fit.information.count,
+        parameters: fit.parameters,
+        noise: fit.noise,
         smoothness,
         curve: learnt.curve,
-        resolution: fitted.basis().spacing(),
-        held: fitted.posterior.held,
+        resolution: fit.space().basis().spacing(),
+        held: fit.posterior.held,
     })
 }
 

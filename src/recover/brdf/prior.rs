@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::basis::Basis;
+use super::space::Space;
 use crate::{Error, Result};
 
 /// Precision of the prior, P = amplitude ∫ρ̃² + across ∫(∂³ρ̃/∂u³)² + along ∫(∂³ρ̃/∂v³)², where u and v are
@@ -136,41 +137,70 @@ impl Relief {
     }
 }
 
-/// The three quadratic forms on the coefficients c_{mn}, m ≥ n; each the sum of squares of sparse rows.
+/// The three quadratic forms on the unknowns; each the sum of squares of sparse rows, one for each place \[m\]\[n\] of the full
+/// square of coefficients.
 pub struct Penalties {
     unknowns: usize,
-    /// By form, at \[m\]\[n\].
-    rows: [Vec<Row>; 3],
+    forms: [Rows; 3],
 }
 
-/// One row of a penalty: up to four unknowns with their factors.
-type Row = [(usize, f64); 4];
+/// Sparse rows one after the other.
+struct Rows {
+    starts: Vec<usize>,
+    entries: Vec<(usize, f64)>,
+}
+
+impl Rows {
+    fn iter(&self) -> impl Iterator<Item = &[(usize, f64)]> {
+        self.starts.windows(2).map(|w| &self.entries[w[0]..w[1]])
+    }
+}
+
+/// Σ f x of a sparse row.
+fn dot(row: &[(usize, f64)], x: &[f64]) -> f64 {
+    row.iter().map(|&(k, f)| f * x[k]).sum()
+}
 
 impl Penalties {
-    /// The forms on `basis`, weighted by 1/relief.
-    pub fn new(basis: Basis, relief: &Relief) -> Self {
+    /// The forms on `space`, weighted by 1/relief.
+    pub fn new(space: &Space, relief: &Relief) -> Self {
+        let basis = space.basis();
         let centre: Vec<f64> = (0..basis.len()).map(|m| basis.centre(m)).collect();
-        let rows = [0, 1, 2].map(|form| {
-            let mut rows = Vec::with_capacity(centre.len() * centre.len());
+        let forms = [0, 1, 2].map(|form| {
+            let mut rows = Rows {
+                starts: vec![0],
+                entries: Vec::with_capacity(4 * centre.len() * centre.len()),
+            };
             for (m, &a) in centre.iter().enumerate() {
                 for (n, &b) in centre.iter().enumerate() {
-                    rows.push(row(basis, relief.at(a, b).sqrt().recip(), form, m, n));
+                    let from = rows.entries.len();
+                    let scale = relief.at(a, b).sqrt().recip();
+                    for (i, j, factor) in difference(basis, scale, form, m, n) {
+                        space.each(i, j, |unknown, share| {
+                            let entries = &mut rows.entries;
+                            match entries[from..].iter_mut().find(|e| e.0 == unknown) {
+                                Some(entry) => entry.1 += factor * share,
+                                None => entries.push((unknown, factor * share)),
+                            }
+                        });
+                    }
+                    rows.starts.push(rows.entries.len());
                 }
             }
             rows
         });
         Self {
-            unknowns: basis.pairs(),
-            rows,
+            unknowns: space.len(),
+            forms,
         }
     }
 
     /// Σ of the three forms at each place \[m\]\[n\].
     pub fn energy(&self, smoothness: &Smoothness, x: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; self.rows[0].len()];
-        for (rows, weight) in self.rows.iter().zip(smoothness.weights()) {
-            for (place, row) in out.iter_mut().zip(rows) {
-                *place += weight * row.iter().map(|&(k, f)| f * x[k]).sum::<f64>().powi(2);
+        let mut out = vec![0.0; self.forms[0].starts.len() - 1];
+        for (rows, weight) in self.forms.iter().zip(smoothness.weights()) {
+            for (place, row) in out.iter_mut().zip(rows.iter()) {
+                *place += weight * dot(row, x).powi(2);
             }
         }
         out
@@ -179,37 +209,57 @@ impl Penalties {
     /// The value of each form at `x`.
     pub fn values(&self, x: &[f64]) -> [f64; 3] {
         [0, 1, 2].map(|form| {
-            self.rows[form]
-                .iter()
-                .map(|row| row.iter().map(|&(k, f)| f * x[k]).sum::<f64>().powi(2))
-                .sum()
+            let rows = self.forms[form].iter();
+            rows.map(|row| dot(row, x).powi(2)).sum()
         })
     }
 
     /// P.
     pub fn precision(&self, smoothness: &Smoothness) -> Precision {
-        let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.unknowns];
-        self.each_entry(smoothness, |i, j, v| {
-            match rows[i].iter_mut().find(|(k, _)| *k == j) {
-                Some((_, sum)) => *sum += v,
-                None => rows[i].push((j, v)),
+        // The rows in which each unknown is, and its factor there.
+        let mut uses: Vec<Vec<(usize, usize, f64)>> = vec![Vec::new(); self.unknowns];
+        for (form, rows) in self.forms.iter().enumerate() {
+            for (place, row) in rows.iter().enumerate() {
+                for &(i, f) in row.iter().filter(|(_, f)| *f != 0.0) {
+                    uses[i].push((form, place, f));
+                }
             }
-        });
+        }
+        let weights = smoothness.weights();
+        let rows = uses
+            .par_iter()
+            .map_init(
+                || vec![0.0; self.unknowns],
+                |sums, uses| {
+                    let mut touched = Vec::new();
+                    for &(form, place, f) in uses {
+                        let rows = &self.forms[form];
+                        for &(j, g) in &rows.entries[rows.starts[place]..rows.starts[place + 1]] {
+                            if sums[j] == 0.0 {
+                                touched.push(j);
+                            }
+                            sums[j] += weights[form] * f * g;
+                        }
+                    }
+                    touched.sort_unstable();
+                    touched.dedup();
+                    touched
+                        .into_iter()
+                        .map(|j| (j, std::mem::take(&mut sums[j])))
+                        .collect()
+                },
+            )
+            .collect();
         Precision { rows }
     }
 
     /// Adds P to a dense matrix.
     pub fn add_dense(&self, smoothness: &Smoothness, out: &mut Mat<f64>) {
-        self.each_entry(smoothness, |i, j, v| out[(i, j)] += v);
-    }
-
-    fn each_entry(&self, smoothness: &Smoothness, mut add: impl FnMut(usize, usize, f64)) {
-        for (rows, weight) in self.rows.iter().zip(smoothness.weights()) {
-            for row in rows {
-                let row = row.iter().filter(|(_, f)| *f != 0.0);
-                for &(i, a) in row.clone() {
-                    for &(j, b) in row.clone() {
-                        add(i, j, weight * a * b);
+        for (rows, weight) in self.forms.iter().zip(smoothness.weights()) {
+            for row in rows.iter().filter(|_| weight != 0.0) {
+                for &(i, a) in row {
+                    for &(j, b) in row {
+                        out[(i, j)] += weight * a * b;
                     }
                 }
             }
@@ -217,32 +267,38 @@ impl Penalties {
     }
 }
 
-/// Row of `form` (0 amplitude, 1 across, 2 along) centred at coefficient (m, n) of the full square, times `scale`. The
-/// coefficients beyond the square are those of the splines left out: 0.
-fn row(basis: Basis, scale: f64, form: usize, m: usize, n: usize) -> Row {
+/// The row of `form` (0 amplitude, 1 across, 2 along) centred at coefficient (m, n) of the full square, times `scale`: up to four
+/// coefficients with their factors. Those beyond the square are of the splines left out: 0.
+fn difference(
+    basis: Basis,
+    scale: f64,
+    form: usize,
+    m: usize,
+    n: usize,
+) -> impl Iterator<Item = (usize, usize, f64)> {
     let h = basis.spacing();
-    let here = basis.pair(m, n);
-    if form == 0 {
-        let h = h * scale;
-        return [(here, h), (here, 0.0), (here, 0.0), (here, 0.0)];
-    }
-    let last = basis.len() as isize - 1;
-    // The diagonal neighbours are √2 h apart; times h, since the sum stands for ∫ da db.
-    let factor = scale * h / (2f64.sqrt() * h).powi(3);
-    let side = if form == 1 { 1 } else { -1 };
-    let (i, j) = (m as isize, n as isize);
-    let at = |k: isize, f: f64| {
-        let (i, j) = (i + k, j + side * k);
-        if i < 0 || j < 0 || i > last || j > last {
-            (here, 0.0)
-        } else {
-            (basis.pair(i as usize, j as usize), f * factor)
-        }
+    let (steps, factor): (&[f64], f64) = if form == 0 {
+        (&[1.0], h * scale)
+    } else {
+        // The diagonal neighbours are √2 h apart; times h, since the sum stands for ∫ da db.
+        (
+            &[3.0, -1.0, 1.0, -3.0],
+            scale * h / (2f64.sqrt() * h).powi(3),
+        )
     };
-    [at(-1, -1.0), at(0, 3.0), at(1, -3.0), at(2, 1.0)]
+    let side = if form == 1 { 1 } else { -1 };
+    let last = basis.len() as isize - 1;
+    // −x₋₁ + 3x₀ − 3x₁ + x₂, the middle first.
+    let order = [0isize, -1, 2, 1];
+    steps.iter().zip(order).filter_map(move |(&step, k)| {
+        let (i, j) = (m as isize + k, n as isize + side * k);
+        let inside = i >= 0 && j >= 0 && i <= last && j <= last;
+        inside.then_some((i as usize, j as usize, step * factor))
+    })
 }
 
-/// The prior's precision P as a sparse matrix: some twenty numbers in each row.
+/// The prior's precision P as a sparse matrix: some twenty numbers in each row where splines are of one width, some hundred where
+/// two meet.
 pub struct Precision {
     rows: Vec<Vec<(usize, f64)>>,
 }
@@ -252,17 +308,15 @@ impl Precision {
     pub fn add_to(&self, out: &mut Mat<f64>) {
         for (i, row) in self.rows.iter().enumerate() {
             for &(j, v) in row {
-                out[(i, j)] += v;
+                // By columns, as P is symmetric.
+                out[(j, i)] += v;
             }
         }
     }
 
     /// P x.
     pub fn times(&self, x: &[f64]) -> Vec<f64> {
-        self.rows
-            .iter()
-            .map(|row| row.iter().map(|&(k, v)| v * x[k]).sum())
-            .collect()
+        self.rows.iter().map(|row| dot(row, x)).collect()
     }
 
     /// P times each column of `x`.
@@ -273,7 +327,7 @@ impl Precision {
             .for_each(|(mut to, from)| {
                 let from: Vec<f64> = from.col(0).iter().copied().collect();
                 for (i, row) in self.rows.iter().enumerate() {
-                    to[(i, 0)] = row.iter().map(|&(k, v)| v * from[k]).sum();
+                    to[(i, 0)] = dot(row, &from);
                 }
             });
         out

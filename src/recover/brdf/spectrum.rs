@@ -4,9 +4,10 @@ use std::f64::consts::TAU;
 
 use faer::Mat;
 use num_complex::Complex64;
+use rayon::prelude::*;
 
-use super::basis::Basis;
 use super::prior::Factor;
+use super::space::Space;
 
 /// The independent indices of a real, symmetric ρ̃ up to `order`: p ≥ |q|, p ≥ 0. The others follow from
 /// ρ̃_{q,p} = ρ̃_{p,q} and ρ̃_{−p,−q} = conj ρ̃_{p,q}.
@@ -16,38 +17,57 @@ pub fn indices(order: usize) -> Vec<(i32, i32)> {
         .collect()
 }
 
-/// Real and imaginary parts of ρ̃_{p,q} (eq. 6 in both angles) as functionals of the unknowns: two columns
-/// for each of [`indices`].
-pub fn functionals(basis: Basis, order: usize) -> Mat<f64> {
+/// Coefficients that are treated at a time, so that a high order does not fill the memory.
+const AT_ONCE: usize = 64;
+
+/// Real and imaginary parts of ρ̃_{p,q} (eq. 6 in both angles) as functionals of the unknowns: two columns for each
+/// of [`indices`], handed to `read` some at a time, in order.
+pub fn functionals<T>(
+    space: &Space,
+    order: usize,
+    mut read: impl FnMut(&Mat<f64>) -> Vec<T>,
+) -> Vec<T> {
+    let basis = space.basis();
     let transform = basis.spectrum(order);
-    let list = indices(order);
-    let mut out = Mat::zeros(basis.pairs(), 2 * list.len());
-    for (k, &(p, q)) in list.iter().enumerate() {
-        let at = &transform[p as usize];
-        let bt = &transform[q.unsigned_abs() as usize];
-        for (m, a) in at.iter().enumerate() {
-            for (n, b) in bt.iter().enumerate() {
-                let b = if q < 0 { b.conj() } else { *b };
-                let w: Complex64 = a * b / (TAU * TAU);
-                let i = basis.pair(m, n);
-                out[(i, 2 * k)] += w.re;
-                out[(i, 2 * k + 1)] += w.im;
-            }
-        }
+    let mut out = Vec::new();
+    for some in indices(order).chunks(AT_ONCE) {
+        let mut columns = Mat::<f64>::zeros(space.len(), 2 * some.len());
+        columns
+            .par_col_chunks_mut(2)
+            .zip(some.par_iter())
+            .for_each(|(mut column, &(p, q))| {
+                let at = &transform[p as usize];
+                let bt = &transform[q.unsigned_abs() as usize];
+                let scale = (TAU * TAU).recip();
+                let part = |m: usize, n: usize| {
+                    let b = if q < 0 { bt[n].conj() } else { bt[n] };
+                    scale * at[m] * b
+                };
+                for m in 0..basis.len() {
+                    for n in 0..=m {
+                        // c_{mn} and c_{nm}.
+                        let mut w: Complex64 = part(m, n);
+                        if m != n {
+                            w += part(n, m);
+                        }
+                        space.each(m, n, |unknown, factor| {
+                            column[(unknown, 0)] += factor * w.re;
+                            column[(unknown, 1)] += factor * w.im;
+                        });
+                    }
+                }
+            });
+        out.extend(read(&columns));
     }
     out
 }
 
-/// σ of each coefficient (root mean square of those of its real and imaginary part) for the functionals of
-/// [`functionals`] under a factored precision.
-pub fn sigmas(functionals: &Mat<f64>, factor: &Factor) -> Vec<f64> {
+/// Variance of each functional of [`functionals`] under a factored precision.
+pub fn variances(functionals: &Mat<f64>, factor: &Factor) -> Vec<f64> {
     let mut half = functionals.clone();
     factor.half_solve(&mut half);
-    (0..half.ncols() / 2)
-        .map(|k| {
-            let square = |j: usize| half.col(j).squared_norm_l2();
-            of_parts(square(2 * k), square(2 * k + 1)).sqrt()
-        })
+    (0..half.ncols())
+        .map(|j| half.col(j).squared_norm_l2())
         .collect()
 }
 

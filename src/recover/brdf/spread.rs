@@ -14,15 +14,14 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use faer::Mat;
 
-use super::basis::Basis;
-use super::posterior::value_at;
 use super::prior::Precision;
+use super::space::Space;
 
 /// Places along each angle at which the variances are computed: one every 5°. Between them only their ratio to the
 /// posterior's variance is interpolated, which has no structure finer than the prior's correlation lengths.
 const PLACES: usize = 36;
 
-/// Variances of one quantity.
+/// Variances of one quantity, relative to the posterior's.
 #[derive(Clone, Copy, Debug)]
 pub struct Variances {
     /// Of the estimate under noise.
@@ -31,28 +30,13 @@ pub struct Variances {
     pub total: f64,
 }
 
-/// Variances of functionals of the coefficients, the columns of `functionals`.
-pub fn variances(
-    functionals: &Mat<f64>,
-    covariance: &Mat<f64>,
-    prior: &Precision,
-) -> Vec<Variances> {
-    ratios(functionals, &(covariance * functionals), covariance, prior)
-        .into_iter()
-        .map(|(posterior, v)| Variances {
-            noise: v.noise * posterior,
-            total: v.total * posterior,
-        })
-        .collect()
-}
-
-/// The posterior's variance of each functional v, and the others relative to it; `seen` is C v.
-fn ratios(
+/// The variances of functionals v of the unknowns, the columns of `functionals`; `seen` is C v.
+pub fn ratios(
     functionals: &Mat<f64>,
     seen: &Mat<f64>,
     covariance: &Mat<f64>,
     prior: &Precision,
-) -> Vec<(f64, Variances)> {
+) -> Vec<Variances> {
     // u = C v, w = P u, z = C w: then Kⁿ C in the middle of v is u·w, w·z, z·P z for n = 1, 2, 3.
     let pulled = prior.times_columns(seen);
     let twice = covariance * &pulled;
@@ -71,13 +55,10 @@ fn ratios(
             let left = dot(&twice, &last, j);
             // All lie between 0 and 5/4 but for rounding.
             let relative = |v: f64| (v / posterior.max(f64::MIN_POSITIVE)).clamp(0.0, 1.25);
-            (
-                posterior,
-                Variances {
-                    noise: relative(total - left),
-                    total: relative(total),
-                },
-            )
+            Variances {
+                noise: relative(total - left),
+                total: relative(total),
+            }
         })
         .collect()
 }
@@ -89,17 +70,17 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// From the covariance of the coefficients.
-    pub fn new(basis: Basis, covariance: &Mat<f64>, prior: &Precision) -> Self {
+    /// From the covariance of the unknowns.
+    pub fn new(space: &Space, covariance: &Mat<f64>, prior: &Precision) -> Self {
         let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / PLACES as f64;
         let list: Vec<(usize, usize)> = (0..PLACES)
             .flat_map(|i| (0..=i).map(move |j| (i, j)))
             .collect();
-        let n = basis.pairs();
+        let n = space.len();
         let mut functionals = Mat::zeros(n, list.len());
         let mut seen = Mat::zeros(n, list.len());
         for (k, &(i, j)) in list.iter().enumerate() {
-            for (index, weight) in value_at(basis, angle(i), angle(j)) {
+            for (index, weight) in space.value_at(angle(i), angle(j)) {
                 functionals[(index, k)] += weight;
                 let mut column = seen.col_mut(k);
                 column += faer::Scale(weight) * covariance.col(index);
@@ -113,7 +94,7 @@ impl Spread {
             };
             PLACES * PLACES
         ];
-        for (&(i, j), (_, v)) in list.iter().zip(values) {
+        for (&(i, j), v) in list.iter().zip(values) {
             places[i * PLACES + j] = v;
             places[j * PLACES + i] = v;
         }

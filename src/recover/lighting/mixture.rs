@@ -56,11 +56,24 @@ pub struct Channel<'a> {
     pub mean_light: f64,
     /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
     pub systematics: Vec<Response>,
-    /// Dᵀ W f of each systematic error.
-    crosses: Vec<Vec<f64>>,
+    /// The samples' values, \[column\]\[n\].
+    values: Response,
+    /// What does not change with the sources.
+    known: Known,
     /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
     /// their weighted mean variance that of [`MODEL_ERROR`].
     pub noise_scale: f64,
+}
+
+/// Products of the systematic errors.
+#[derive(Debug)]
+struct Known {
+    /// Dᵀ W f of each.
+    crosses: Vec<Vec<f64>>,
+    /// Σ w f g with each of them up to itself.
+    between: Vec<Vec<f64>>,
+    /// Σ w f b with the samples' values.
+    with_values: Vec<f64>,
 }
 
 /// What a channel is made of.
@@ -88,10 +101,24 @@ impl<'a> Channel<'a> {
             systematics,
             mean_light,
         } = parts;
-        let crosses = systematics
+        let values: Response = samples
+            .columns
             .iter()
-            .map(|f| system.project(samples, index, f))
+            .map(|c| c.value[index].clone())
             .collect();
+        let product = |f: &Response, g: &Response| weighted_product(&system.weights, f, g);
+        let known = Known {
+            crosses: systematics
+                .iter()
+                .map(|f| system.project(samples, f))
+                .collect(),
+            between: systematics
+                .iter()
+                .enumerate()
+                .map(|(s, f)| systematics[..=s].iter().map(|g| product(f, g)).collect())
+                .collect(),
+            with_values: systematics.iter().map(|f| product(f, &values)).collect(),
+        };
         let mut channel = Self {
             name,
             index,
@@ -100,7 +127,8 @@ impl<'a> Channel<'a> {
             system,
             mean_light,
             systematics,
-            crosses,
+            values,
+            known,
             noise_scale: 1.0,
         };
         let equations = channel.equations(samples, &[]);
@@ -154,13 +182,13 @@ impl<'a> Channel<'a> {
             }
         });
         let mut vector = self.system.vector.clone();
-        let values = self.values(samples);
         for (s, response) in extra.iter().enumerate() {
+            let systematic = s.checked_sub(sources.len());
             let own;
-            let cross = match s.checked_sub(sources.len()) {
-                Some(systematic) => &self.crosses[systematic],
+            let cross = match systematic {
+                Some(e) => &self.known.crosses[e],
                 None => {
-                    own = self.system.project(samples, self.index, response);
+                    own = self.system.project(samples, response);
                     &own
                 }
             };
@@ -169,21 +197,24 @@ impl<'a> Channel<'a> {
                 matrix[(n + s, i)] = *c;
             }
             for (t, other) in extra.iter().enumerate().take(s + 1) {
-                let product = weighted_product(samples, self.index, response, other);
+                let product = match (systematic, t.checked_sub(sources.len())) {
+                    (Some(e), Some(f)) => self.known.between[e][f],
+                    _ => self.product(response, other),
+                };
                 matrix[(n + s, n + t)] = product;
                 matrix[(n + t, n + s)] = product;
             }
-            vector.push(weighted_product(samples, self.index, response, &values));
+            vector.push(match systematic {
+                Some(e) => self.known.with_values[e],
+                None => self.product(response, &self.values),
+            });
         }
         (matrix, vector)
     }
 
-    fn values(&self, samples: &Samples) -> Response {
-        samples
-            .columns
-            .iter()
-            .map(|c| c.value[self.index].clone())
-            .collect()
+    /// Σ w f g over the channel's samples.
+    fn product(&self, f: &Response, g: &Response) -> f64 {
+        weighted_product(&self.system.weights, f, g)
     }
 }
 
@@ -588,19 +619,13 @@ fn direction_gradient(
     let n = channel.system.vector.len();
     let irradiance = fit.posterior.mean[n + s];
     let kappa = channel.noise_scale;
-    let values = channel.values(samples);
-    let mut cross = channel.system.project(samples, channel.index, derivative);
+    let mut cross = channel.system.project(samples, derivative);
     let own_responses = fit.responses.iter().map(Arc::as_ref);
     for response in own_responses.chain(&channel.systematics) {
-        cross.push(weighted_product(
-            samples,
-            channel.index,
-            response,
-            derivative,
-        ));
+        cross.push(channel.product(response, derivative));
     }
-    let data = weighted_product(samples, channel.index, derivative, &values);
-    let own = weighted_product(samples, channel.index, derivative, derivative);
+    let data = channel.product(derivative, &channel.values);
+    let own = channel.product(derivative, derivative);
     let fitted: f64 = cross
         .iter()
         .zip(&fit.posterior.mean)

@@ -54,22 +54,23 @@ pub fn response_derivative(samples: &Samples, brdf: &dyn Brdf, theta: f64) -> Re
     derivative
 }
 
-/// Σ w f g over the samples of `channel`.
-pub fn weighted_product(samples: &Samples, channel: usize, f: &[Vec<f64>], g: &[Vec<f64>]) -> f64 {
-    let sums: Vec<f64> = samples
-        .columns
-        .par_iter()
-        .zip(f)
-        .zip(g)
-        .map(|((column, f), g)| {
-            column.variance[channel]
-                .iter()
-                .zip(f)
-                .zip(g)
-                .filter(|((v, _), _)| v.is_finite() && **v > 0.0)
-                .map(|((v, f), g)| f * g / v)
-                .sum()
-        })
-        .collect();
-    sums.iter().sum()
+/// Σ w f g over samples of weights w; f and g at samples of weight 0 are ignored.
+pub fn weighted_product(weights: &[Vec<f64>], f: &[Vec<f64>], g: &[Vec<f64>]) -> f64 {
+    const LANES: usize = 4;
+    let mut total = 0.0;
+    for ((weights, f), g) in weights.iter().zip(f).zip(g) {
+        // Lanes do not wait for each other's sums.
+        let mut sums = [0.0; LANES];
+        for ((w, f), g) in weights
+            .chunks(LANES)
+            .zip(f.chunks(LANES))
+            .zip(g.chunks(LANES))
+        {
+            for (((sum, w), f), g) in sums.iter_mut().zip(w).zip(f).zip(g) {
+                *sum += if *w > 0.0 { w * f * g } else { 0.0 };
+            }
+        }
+        total += sums.iter().sum::<f64>();
+    }
+    total
 }

@@ -1,0 +1,297 @@
+//! What is read from a finished fit: values, spectrum, σ, bounds, status.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use faer::Mat;
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use super::estimate::Coefficient;
+use super::fit::Fit;
+use super::information::Information;
+use super::posterior;
+use super::prior::{Factor, Penalties, Relief, Smoothness};
+use super::space::Space;
+use super::spectrum;
+use super::spread::{self, Spread, Variances};
+use crate::Result;
+use crate::lighting::Status;
+
+/// How many times the largest value of the slice a coefficient may be in the problem without smoothness.
+const VAGUE: f64 = 100.0;
+
+/// White prior that allows coefficients of [`VAGUE`] times `largest` on splines `spacing` radians apart.
+pub fn vague(spacing: f64, largest: f64) -> Smoothness {
+    let size = VAGUE * largest.max(f64::MIN_POSITIVE.sqrt());
+    Smoothness {
+        amplitude: (spacing * size).powi(-2),
+        across: 0.0,
+        along: 0.0,
+    }
+}
+
+/// Status of a quantity from its bound, its σ, and its standard deviation with and without samples under the prior
+/// of limited reach.
+fn classify(bound: f64, sigma: f64, told: f64, prior: f64) -> Status {
+    if bound <= 0.5 * prior && bound <= 10.0 * sigma {
+        Status::Determined
+    } else if told <= 0.5 * prior {
+        Status::Weak
+    } else {
+        Status::Indeterminate
+    }
+}
+
+/// What prior and samples say on coarse splines, when the prior reaches no farther than it may.
+pub struct Reach {
+    space: Space,
+    /// The prior alone.
+    prior: Factor,
+    /// Prior and samples, without non-negativity: that narrows σ even where nothing was seen.
+    told: Factor,
+}
+
+impl Reach {
+    /// From the samples on coarse splines, and the prior with its correlation lengths held to `longest`.
+    ///
+    /// # Errors
+    /// If the matrices cannot be factored.
+    pub fn new(
+        information: &Information,
+        smoothness: &Smoothness,
+        relief: &Relief,
+        longest: f64,
+    ) -> Result<Self> {
+        let space = information.space.clone();
+        let most = smoothness.amplitude * longest.powi(6);
+        let limited = Smoothness {
+            amplitude: smoothness.amplitude,
+            across: smoothness.across.min(most),
+            along: smoothness.along.min(most),
+        };
+        let mut matrix = Mat::zeros(space.len(), space.len());
+        Penalties::new(&space, relief).add_dense(&limited, &mut matrix);
+        let prior = Factor::new(&matrix)?;
+        matrix += information.equations(1.0)?.matrix;
+        let told = Factor::new(&matrix)?;
+        Ok(Self { space, prior, told })
+    }
+}
+
+/// Values on a grid of cells, \[θi′\]\[θo′\], size².
+pub struct GridValues {
+    /// ρ̃.
+    pub values: Vec<f64>,
+    /// Standard deviation.
+    pub sigma: Vec<f64>,
+    /// Cramér–Rao bound without smoothness.
+    pub bound: Vec<f64>,
+    /// Status.
+    pub status: Vec<Status>,
+}
+
+/// σ by the status: see [`spread`].
+fn sigma(status: Status, posterior: f64, relative: Variances) -> f64 {
+    match status {
+        Status::Determined => (posterior * relative.noise).sqrt(),
+        _ => (posterior * relative.total).sqrt(),
+    }
+}
+
+/// Values of the slice at size² cells, and its Fourier coefficients up to `order`.
+///
+/// `coarse` is the fit on coarse splines, by which the scatter of the estimate is compared with the posterior's: it has no
+/// finer structure, and holds all of the frequencies.
+///
+/// # Errors
+/// If the problem without smoothness cannot be factored.
+pub fn read(
+    fit: &Fit,
+    coarse: &Fit,
+    size: usize,
+    order: usize,
+    reach: &Reach,
+) -> Result<(GridValues, Vec<Coefficient>)> {
+    let places = places(fit.space(), size);
+    let values: Vec<f64> = places
+        .iter()
+        .map(|place| posterior::apply(place, &fit.posterior.mean))
+        .collect();
+    let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let variances = |covariance: &Mat<f64>| -> Vec<f64> {
+        places
+            .par_iter()
+            .map(|place| posterior::variance(place, covariance))
+            .collect()
+    };
+    let unsmoothed = without_smoothness(fit, largest)?;
+    let coefficients = coefficients(fit, coarse, order, &unsmoothed, reach);
+    let covariance = unsmoothed.inverse();
+    drop(unsmoothed);
+    let bound: Vec<f64> = variances(&covariance).iter().map(|v| v.sqrt()).collect();
+    drop(covariance);
+    let posterior = variances(&fit.posterior.covariance);
+    drop(places);
+
+    let spread = Spread::new(coarse.space(), &coarse.posterior.covariance, &coarse.prior);
+    let (prior, told) = (reach.prior.inverse(), reach.told.inverse());
+    let cells: Vec<(usize, usize)> = (0..size)
+        .flat_map(|i| (0..=i).map(move |j| (i, j)))
+        .collect();
+    let judged: Vec<(f64, Status)> = cells
+        .par_iter()
+        .enumerate()
+        .map(|(k, &(i, j))| {
+            let (a, b) = (centre(size, i), centre(size, j));
+            let place = reach.space.value_at(a, b);
+            let p = posterior::variance(&place, &prior).sqrt();
+            let t = posterior::variance(&place, &told).sqrt();
+            let status = classify(bound[k], posterior[k].sqrt(), t, p);
+            (sigma(status, posterior[k], spread.at(a, b)), status)
+        })
+        .collect();
+    let mut grid = GridValues {
+        values: vec![0.0; size * size],
+        sigma: vec![0.0; size * size],
+        bound: vec![0.0; size * size],
+        status: vec![Status::Indeterminate; size * size],
+    };
+    for (k, &(i, j)) in cells.iter().enumerate() {
+        for cell in [i * size + j, j * size + i] {
+            grid.values[cell] = values[k];
+            grid.bound[cell] = bound[k];
+            (grid.sigma[cell], grid.status[cell]) = judged[k];
+        }
+    }
+    Ok((grid, coefficients))
+}
+
+/// The precision of the problem without smoothness.
+fn without_smoothness(fit: &Fit, largest: f64) -> Result<Factor> {
+    let space = fit.space();
+    let mut matrix = fit.information.equations(fit.noise)?.matrix;
+    let white = vague(space.basis().spacing(), largest);
+    Penalties::new(space, &Relief::flat(space.basis())).add_dense(&white, &mut matrix);
+    Factor::new(&matrix)
+}
+
+/// What a fit says of one coefficient.
+struct Fitted {
+    value: Complex64,
+    /// Posterior variances of real and imaginary part.
+    posterior: [f64; 2],
+    /// Bound of each part.
+    bound: f64,
+}
+
+/// What the coarse fit and the prior say of one coefficient.
+struct Expected {
+    /// Of real and imaginary part.
+    relative: [Variances; 2],
+    /// Standard deviation of each part by the prior alone.
+    prior: f64,
+    /// By prior and samples.
+    told: f64,
+}
+
+fn coefficients(
+    fit: &Fit,
+    coarse: &Fit,
+    order: usize,
+    unsmoothed: &Factor,
+    reach: &Reach,
+) -> Vec<Coefficient> {
+    let part = |variances: &[f64]| spectrum::of_parts(variances[0], variances[1]).sqrt();
+    let fitted = spectrum::functionals(fit.space(), order, |columns| {
+        let posterior = spectrum::variances(columns, &fit.posterior.precision);
+        let bound = spectrum::variances(columns, unsmoothed);
+        let value = |j: usize| -> f64 {
+            let pairs = columns.col(j).iter().zip(&fit.posterior.mean);
+            pairs.map(|(w, x)| w * x).sum()
+        };
+        posterior
+            .chunks_exact(2)
+            .zip(bound.chunks_exact(2))
+            .enumerate()
+            .map(|(k, (posterior, bound))| Fitted {
+                value: Complex64::new(value(2 * k), value(2 * k + 1)),
+                posterior: [posterior[0], posterior[1]],
+                bound: part(bound),
+            })
+            .collect()
+    });
+    let expected = spectrum::functionals(coarse.space(), order, |columns| {
+        let covariance = &coarse.posterior.covariance;
+        let relative = spread::ratios(columns, &(covariance * columns), covariance, &coarse.prior);
+        let prior = spectrum::variances(columns, &reach.prior);
+        let told = spectrum::variances(columns, &reach.told);
+        relative
+            .chunks_exact(2)
+            .zip(prior.chunks_exact(2).zip(told.chunks_exact(2)))
+            .map(|(relative, (prior, told))| Expected {
+                relative: [relative[0], relative[1]],
+                prior: part(prior),
+                told: part(told),
+            })
+            .collect()
+    });
+    spectrum::indices(order)
+        .into_iter()
+        .zip(fitted.into_iter().zip(expected))
+        .map(|((p, q), (fitted, expected))| {
+            let scaled = |pick: &dyn Fn(Variances) -> f64| {
+                let [re, im] = [0, 1].map(|i| fitted.posterior[i] * pick(expected.relative[i]));
+                spectrum::of_parts(re, im)
+            };
+            let own = Variances {
+                noise: scaled(&|v| v.noise),
+                total: scaled(&|v| v.total),
+            };
+            let bound = fitted.bound;
+            let status = classify(bound, own.total.sqrt(), expected.told, expected.prior);
+            Coefficient {
+                p,
+                q,
+                value: fitted.value,
+                sigma: sigma(status, 1.0, own),
+                bound,
+                status,
+            }
+        })
+        .collect()
+}
+
+/// Values of the slice at the cells (i, j ≤ i) of a grid of size², one after the other, as functionals of the unknowns.
+fn places(space: &Space, size: usize) -> Vec<Vec<(usize, f64)>> {
+    // Cells between the same knots are of the same unknowns.
+    let basis = space.basis();
+    let intervals: Vec<usize> = (0..size).map(|k| basis.interval(centre(size, k))).collect();
+    let groups: Vec<&[usize]> = intervals.chunk_by(|a, b| a == b).collect();
+    let mut starts = vec![0];
+    for group in &groups {
+        starts.push(starts[starts.len() - 1] + group.len());
+    }
+    let rows: Vec<Vec<Vec<(usize, f64)>>> = (0..groups.len())
+        .into_par_iter()
+        .flat_map_iter(|g| {
+            let own = starts[g]..starts[g + 1];
+            let mut rows: Vec<Vec<Vec<(usize, f64)>>> =
+                own.clone().map(|i| Vec::with_capacity(i + 1)).collect();
+            for h in 0..=g {
+                let patch = space.patch(groups[g][0], groups[h][0]);
+                for (row, i) in rows.iter_mut().zip(own.clone()) {
+                    for j in starts[h]..starts[h + 1].min(i + 1) {
+                        row.push(patch.value_at(centre(size, i), centre(size, j)));
+                    }
+                }
+            }
+            rows
+        })
+        .collect();
+    rows.into_iter().flatten().collect()
+}
+
+/// θ′ at the centre of cell `k` of `size`, radians.
+fn centre(size: usize, k: usize) -> f64 {
+    -FRAC_PI_2 + (k as f64 + 0.5) * PI / size as f64
+}
