@@ -41,6 +41,7 @@ pub mod brdf;
 pub mod capture;
 pub mod compare;
 pub mod error;
+pub mod export;
 pub mod fourier;
 pub mod geometry;
 pub mod grid;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of the library from what everything stands on to what nothing stands on.
-const ORDER: [&str; 20] = [
+const ORDER: [&str; 21] = [
     "error",
     "angle",
     "grid",
@@ -23,6 +23,7 @@ const ORDER: [&str; 20] = [
     "validate",
     "compare",
     "batch",
+    "export",
     "report",
     "cli",
 ];

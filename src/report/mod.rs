@@ -5,6 +5,7 @@
 //! paper; a small script adds the values under the pointer.
 
 mod batch;
+mod comparison;
 mod equation;
 mod figure;
 mod methods;
@@ -24,6 +25,7 @@ use askama::Template;
 use crate::error::{Error, Result};
 use crate::pipeline::Run;
 pub use batch::batch;
+pub use comparison::comparison;
 use figure::Figure;
 use methods::Passage;
 use results::ResultTable;
