@@ -11,7 +11,7 @@ mod figure;
 mod methods;
 pub mod number;
 pub mod paper;
-mod plot;
+pub mod plot;
 mod results;
 mod settings;
 mod sheet;
