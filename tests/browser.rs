@@ -217,7 +217,7 @@ fn pages(work: &Path) -> Vec<PathBuf> {
         "--report",
         "compare.html",
         "--tolerance",
-        "1",
+        "1000",
     ];
     flatlight(work, &compared, 0);
     flatlight(

@@ -297,7 +297,8 @@ fn image(kind: Kind, channel: &ChannelComparison, index: usize, axes: [&str; 2])
         .into_iter()
         .map(|(sum, n)| if n > 0 { sum / n as f64 } else { f64::NAN })
         .collect();
-    let largest = quantile(values.iter().map(|v| v.abs()), 0.995).max(f64::MIN_POSITIVE);
+    let largest = quantile(values.iter().map(|v| v.abs()), 0.995);
+    let largest = if largest > 0.0 { largest } else { 1.0 };
     // Points are the centres of cells.
     let half = |low: f64, high: f64, n: usize| 0.5 * (high - low) / (n.max(2) - 1) as f64;
     let (hx, hy) = (half(x0, x1, columns), half(y0, y1, rows));
