@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 /// The modules of the library from what everything stands on to what nothing stands on.
 const ORDER: [&str; 21] = [
     "error",
+    "files",
     "angle",
     "grid",
     "fourier",
