@@ -24,6 +24,7 @@ const ORDER: [&str; 21] = [
     "validate",
     "compare",
     "batch",
+    "export",
     "report",
     "cli",
 ];

@@ -43,10 +43,14 @@ impl Progress for Bars {
             return;
         }
         let bar = ProgressBar::with_draw_target(Some(steps as u64), ProgressDrawTarget::stderr());
-        let style = ProgressStyle::with_template("{msg:>12} {bar:32} {pos}/{len} {per_sec} {eta}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let style = ProgressStyle::with_template(
+            "{msg:>14} {bar:32} {pos}/{len}  {per_sec}  {elapsed} so far, {eta} left",
+        )
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
         bar.set_style(style);
         bar.set_message(name.to_string());
+        // A stage of one long step still shows that time goes by.
+        bar.enable_steady_tick(std::time::Duration::from_millis(250));
         let mut current = self.bar();
         current.finish_and_clear();
         *current = bar;

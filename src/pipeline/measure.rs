@@ -545,21 +545,17 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
 /// Whether `wider` differs from `narrower` by no more than the latter's noise and [`ROWS_BIAS`].
 fn agree(wider: &MeasuredLine, narrower: &MeasuredLine, geometry: &ViewGeometry) -> bool {
     let (mut difference, mut noise, mut largest, mut count) = (0.0, 0.0, 0.0f64, 0usize);
-    let pairs = wider
-        .stations
-        .iter()
-        .zip(&narrower.stations)
-        .zip(&wider.positions);
-    for ((a, b), position) in pairs {
+    let (a, b) = (&wider.stations, &narrower.stations);
+    for (k, position) in wider.positions.iter().enumerate().take(b.count()) {
         // Near the limb the comparison is about footprints, not about rows.
         if !(geometry.sin_local(*position).abs() < 0.97) {
             continue;
         }
-        for c in 0..a.value.len() {
-            if a.variance[c].is_finite() && b.variance[c].is_finite() {
-                difference += (a.value[c] - b.value[c]).powi(2);
-                noise += b.variance[c];
-                largest = largest.max(b.value[c].abs());
+        for c in 0..a.channels() {
+            if a.variance[c][k].is_finite() && b.variance[c][k].is_finite() {
+                difference += (a.value[c][k] - b.value[c][k]).powi(2);
+                noise += b.variance[c][k];
+                largest = largest.max(b.value[c][k].abs());
                 count += 1;
             }
         }
