@@ -17,7 +17,7 @@ use crate::geometry::outline::{self, Outline, Search};
 use crate::geometry::{CameraModel, Pose, Settled, Side, ViewGeometry, settle};
 use crate::grid::Grid;
 use crate::light_field::{
-    Gathered, Jitter, LightField, MeasuredLine, Samples, Station, Systematic, ViewSample,
+    Gathered, Jitter, LightField, MeasuredLine, Samples, Systematic, ViewSample,
     automatic_limb_cut, gather, grid, jitter, runs_backwards,
 };
 use crate::photo::Storage;
@@ -445,8 +445,10 @@ fn read_view(
         odd: census.between(columns(&line)),
         levels: (0..radiance.channels.len())
             .map(|c| {
-                let value = |s: &Station| s.variance[c].is_finite().then_some(s.value[c]);
-                Level::of(line.stations.iter().map(value))
+                let stations = line.stations.value[c]
+                    .iter()
+                    .zip(&line.stations.variance[c]);
+                Level::of(stations.map(|(value, variance)| variance.is_finite().then_some(*value)))
             })
             .collect(),
         masked: capture.object.mask.is_some() || capture.views[view].mask.is_some(),
