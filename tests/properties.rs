@@ -152,19 +152,19 @@ fn turned(degrees: f64, seconds: f64, recover: &str) -> Run {
     } else {
         &light
     };
-    let text = format!(
-        "recover = \"{recover}\"\n[light_field]\nnormals = 180\nlocals = 90\n[recovery]\nregularisation = 0.01\n{known}"
-    );
+    let text =
+        format!("recover = \"{recover}\"\n[light_field]\nnormals = 180\nlocals = 90\n{known}");
     let recipe = Recipe::parse(&text, Path::new("recipe.toml"), folder.path());
     execute(&recipe.unwrap_or_else(|e| panic!("{e}")), &capture, &Silent)
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 3, max_shrink_iters: 0, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 2, max_shrink_iters: 0, ..ProptestConfig::default() })]
 
     /// Turned by any angle, the world gives the same light, turned: L_p e^{−ipa}. The photos agree to the rounding of 32-bit
-    /// floats, 6e-8, and so do the samples; 1e-4 of the mean leaves room for what a prior's strength makes of that.
+    /// floats, 6e-8, and so do the samples; a lobe as dull as this one's passes a hundredth of the last determined frequency, and the
+    /// prior's strength is learnt anew: 1e-3 of the mean.
     #[test]
     fn the_light_of_a_turned_world_is_turned(degrees in -180.0..180.0_f64) {
         let (still, turned) = (turned(0.0, 1.0, "lighting"), turned(degrees, 1.0, "lighting"));
@@ -172,10 +172,15 @@ proptest! {
         let (a, b) = (spectrum(&still), spectrum(&turned));
         prop_assert_eq!(a.len(), b.len());
         let mean = a[0].value.re;
-        for (p, (a, b)) in a.iter().zip(&b).enumerate().take(13) {
-            let expected = a.value * Complex64::cis(-(p as f64) * degrees.to_radians());
-            prop_assert!((b.value - expected).norm() < 1e-4 * mean, "p = {}: {} {}", p, b.value, expected);
+        let mut count = 0;
+        for (p, (a, b)) in a.iter().zip(&b).enumerate() {
+            if a.status == Status::Determined && b.status == Status::Determined {
+                count += 1;
+                let expected = a.value * Complex64::cis(-(p as f64) * degrees.to_radians());
+                prop_assert!((b.value - expected).norm() < 1e-3 * mean, "p = {}: {} {}", p, b.value, expected);
+            }
         }
+        prop_assert!(count > 4, "{} coefficients", count);
     }
 
     /// And the same BRDF: the object does not know where north is.
@@ -203,8 +208,11 @@ proptest! {
         let (one, other) = (turned(0.0, 1.0, "lighting"), turned(0.0, seconds, "lighting"));
         let spectrum = |run: &Run| run.lighting.as_ref().expect("light").channels[0].spectrum.clone();
         let (a, b) = (spectrum(&one), spectrum(&other));
-        for (a, b) in a.iter().zip(&b).take(13) {
-            prop_assert!((b.value * seconds - a.value).norm() < 1e-4 * spectrum(&one)[0].value.re);
+        for (p, (a, b)) in a.iter().zip(&b).enumerate() {
+            if a.status == Status::Determined && b.status == Status::Determined {
+                let difference = (b.value * seconds - a.value).norm();
+                prop_assert!(difference < 1e-3 * spectrum(&one)[0].value.re, "p = {}: {}", p, difference);
+            }
         }
     }
 }
