@@ -32,6 +32,64 @@
 //! * Product form (eq. 14): B(α, θo′) = Σ_p L_p H_p(θo′) e^{ipα} with
 //!   H_p(θo′) = 2π ρ̂_{−p}(θo′) = ∫ ρ̂(θi′, θo′) e^{ipθi′} dθi′.
 //! * Inside the program angles are radians; in files degrees, and the name says so (`_deg`).
+//!
+//! # The stages from Rust
+//!
+//! All of it: photographs and a recipe in, everything a run finds out.
+//!
+//! ```
+//! use flatlight::{capture::Capture, pipeline::{Recipe, Silent, execute}};
+//! # fn main() -> flatlight::Result<()> {
+//! let capture = Capture::read("testdata/phong32-sun".as_ref())?;
+//! let recipe = Recipe::read("pipelines/lighting.toml".as_ref())?;
+//! let run = execute(&recipe, &capture, &Silent)?;
+//! let light = run.lighting.expect("a recipe for lighting recovers it");
+//! assert!((light.sources[0].theta_deg - 37.3).abs() < 0.1);
+//! # Ok(()) }
+//! ```
+//!
+//! Or stage by stage: photographs to samples of B with their variances, samples to light.
+//!
+//! ```
+//! use flatlight::capture::Capture;
+//! use flatlight::pipeline::{LightFieldOptions, Recipe, Silent, measure};
+//! use flatlight::recover::lighting::{Options, Regularisation, recover};
+//! # fn main() -> flatlight::Result<()> {
+//! let capture = Capture::read("testdata/phong32-sun".as_ref())?;
+//! let options = LightFieldOptions { normals: 720, locals: 180, limb_cut_deg: None, rows: None };
+//! let measured = measure(&capture, &options, 1.5, &Silent)?;
+//! let recipe = Recipe::read("pipelines/lighting.toml".as_ref())?;
+//! let model = recipe.brdf.expect("the recipe states a BRDF");
+//! let material = model.material(&measured.samples.channels, &recipe.folder)?;
+//! let options = Options { band: None, regularisation: Regularisation::Evidence, non_negative: true };
+//! let light = recover(&measured.samples, &material, &options)?;
+//! assert!(light.channels[0].determined_band >= Some(12));
+//! # Ok(()) }
+//! ```
+//!
+//! A light and a material to the light field they make, and a result handed on.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use flatlight::brdf::{Brdf, Phong};
+//! use flatlight::{LocalAngle, NormalAngle, WorldAngle};
+//! let surface: Arc<dyn Brdf> = Arc::new(Phong { diffuse: 0.3, specular: 0.4, exponent: 32.0 });
+//! let (alpha, exitant) = (NormalAngle::degrees(10.0), LocalAngle::degrees(-25.0));
+//! // One sun of 3 W m⁻² at 37.3°: B = E ρ(θi′, θo′) cos θi′.
+//! let incident = WorldAngle::degrees(37.3) - alpha;
+//! let radiance = 3.0 * surface.value(incident, exitant) * incident.rad().cos();
+//! assert!(radiance > 1.0 && radiance < 6.0);
+//! ```
+//!
+//! ```no_run
+//! use flatlight::{export, pipeline::Folder};
+//! # fn main() -> flatlight::Result<()> {
+//! let run = Folder::new("out".as_ref()).read()?;
+//! for file in export::export(&run, export::Format::Mitsuba, "out/export".as_ref())? {
+//!     println!("{}", file.display());
+//! }
+//! # Ok(()) }
+//! ```
 
 #![warn(missing_docs)]
 
@@ -41,6 +99,8 @@ pub mod brdf;
 pub mod capture;
 pub mod compare;
 pub mod error;
+pub mod export;
+pub mod files;
 pub mod fourier;
 pub mod geometry;
 pub mod grid;

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use flatlight::compare::{self, AGREE, ChannelComparison, Comparison, Options};
 use flatlight::report::number::{percent, short};
-use flatlight::{Error, Result};
+use flatlight::{Error, Result, report};
 
 use super::{Common, file, say};
 
 /// What is compared, and how.
 #[derive(Args, Clone, Debug)]
 #[command(
-    after_help = "Examples:\n  flatlight compare out/lighting.csv truth/lighting.csv --tolerance 0.01\n  flatlight compare monday/ tuesday/ --scale channel\n\n\
+    after_help = "Examples:\n  flatlight compare out/lighting.csv truth/lighting.csv --tolerance 0.01\n  flatlight compare monday/ tuesday/ --scale channel --report difference.html\n\n\
 The second is the reference. With --tolerance two products agree if their relative error is within it; without, if nine in ten of the \
 differences are within their 95 % error bars. Exit code 0: they agree, or there is nothing to judge by; 1: they differ; 2: they cannot be compared."
 )]
@@ -30,6 +30,9 @@ pub struct Arguments {
     /// Writes every value of both with their difference, CSV
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Writes a page with the differences as plots, HTML
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
 }
 
 /// Factor on the first product.
@@ -65,6 +68,11 @@ pub fn compare(wanted: &Arguments, common: &Common) -> Result<()> {
     let compared = compare::compare_paths(&wanted.first, &wanted.second, &options)?;
     if let Some(out) = &wanted.out {
         write(out, &compared)?;
+    }
+    if let Some(page) = &wanted.report {
+        let names = [&wanted.first, &wanted.second].map(|p| p.display().to_string());
+        let names = [names[0].as_str(), names[1].as_str()];
+        file::write(page, report::comparison(names, &compared)?.as_bytes())?;
     }
     let mut differing = Vec::new();
     for (name, comparison) in &compared {

@@ -3,6 +3,7 @@
 mod batch;
 mod check;
 mod compare;
+mod export;
 mod file;
 mod init;
 mod paper;
@@ -12,6 +13,7 @@ mod progress;
 mod report;
 mod run;
 mod say;
+mod shell;
 mod simulate;
 mod validate;
 
@@ -113,6 +115,8 @@ result; 1: some failed, and the table and the last lines say which and why; 2: n
     },
     /// Two products of the same kind: factor, error, where, and whether within the error bars
     Compare(compare::Arguments),
+    /// Results for other programs: Mitsuba, Blender, MERL tables, NumPy, ASTM-style tables
+    Export(export::Arguments),
     /// The report again, from what a run left in its folder
     #[command(after_help = "Example:\n  flatlight report out/\n  then open out/report.html")]
     Report {
@@ -159,6 +163,21 @@ result; 1: some failed, and the table and the last lines say which and why; 2: n
         #[arg(long)]
         full: bool,
     },
+    /// Print a completion script for a shell
+    #[command(
+        after_help = "Example:\n  flatlight completions bash > ~/.local/share/bash-completion/completions/flatlight"
+    )]
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+    /// Write manual pages, one for the program and one for each command
+    #[command(after_help = "Example:\n  flatlight man --out man/\n  man man/flatlight.1")]
+    Man {
+        /// Folder for the pages; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+    },
 }
 
 /// Runs the command line; errors go to stderr, results to stdout.
@@ -189,6 +208,12 @@ pub fn main() -> ExitCode {
         Command::Check { capture } => check::run(capture, &arguments.common),
         Command::Probe { capture, views } => probe::run(capture, *views, &arguments.common),
         Command::Compare(wanted) => compare::compare(wanted, &arguments.common),
+        Command::Export(wanted) => export::run(wanted, &arguments.common),
+        Command::Completions { shell } => {
+            shell::completions(*shell);
+            Ok(())
+        }
+        Command::Man { out } => shell::man(out, &arguments.common),
         Command::Report { run } => report::run(run, &arguments.common),
         Command::Simulate { recipe, out, force } => {
             simulate::run(recipe, out, *force, &arguments.common)

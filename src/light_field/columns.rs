@@ -7,8 +7,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::strip::Station;
-
 /// Half-width of the window of the fit, in bins and (at least) in pixels.
 const WINDOW_BINS: f64 = 1.0;
 const WINDOW_PIXELS: f64 = 2.6;
@@ -67,16 +65,22 @@ pub struct Value {
     pub shared: f64,
 }
 
-/// The sample at `centre` of a bin of width `bin` (radians) in channel `c`; `None` if the bin was not
-/// seen. `stations` and `footprints` go together, in increasing θo′; missing stations have infinite
-/// variance.
-pub fn sample(
-    stations: &[Station],
-    footprints: &[Footprint],
-    c: usize,
-    centre: f64,
-    bin: f64,
-) -> Option<Value> {
+/// The stations of a line in one channel, in increasing θo′.
+#[derive(Clone, Copy, Debug)]
+pub struct Line<'a> {
+    /// Radiance.
+    pub value: &'a [f64],
+    /// Its variance; infinite where missing.
+    pub variance: &'a [f64],
+    /// Pixels averaged.
+    pub pixels: &'a [u32],
+    /// Where each lies.
+    pub footprints: &'a [Footprint],
+}
+
+/// The sample at `centre` of a bin of width `bin` (radians); `None` if the bin was not seen.
+pub fn sample(line: &Line<'_>, centre: f64, bin: f64) -> Option<Value> {
+    let footprints = line.footprints;
     let middle = footprints
         .partition_point(|f| f.nodes[1] < centre)
         .min(footprints.len() - 1);
@@ -90,8 +94,8 @@ pub fn sample(
     let (mut covered, mut mean, mut mean_first, mut mean_second, mut pixels) =
         (0.0, 0.0, 0.0, 0.0, 0.0);
     let mut count = 0;
-    for (station, footprint) in stations[first..last].iter().zip(&footprints[first..last]) {
-        if !station.variance[c].is_finite() {
+    for (k, footprint) in (first..last).zip(&footprints[first..last]) {
+        if !line.variance[k].is_finite() {
             continue;
         }
         count += 1;
@@ -99,13 +103,13 @@ pub fn sample(
         // In units of the window the normal matrix is well conditioned.
         let basis = Vector3::new(1.0, d1 / half, d2 / (half * half));
         normal += basis * basis.transpose();
-        right += basis * station.value[c];
+        right += basis * line.value[k];
         let overlap = footprint.overlap(centre, bin / 2.0);
         covered += overlap;
-        mean += overlap * station.value[c];
+        mean += overlap * line.value[k];
         mean_first += overlap * basis[1];
         mean_second += overlap * basis[2];
-        pixels += overlap / footprint.width() * f64::from(station.pixels);
+        pixels += overlap / footprint.width() * f64::from(line.pixels[k]);
     }
     if covered < LEAST_COVERED * bin || count < 4 {
         return None;
@@ -119,14 +123,14 @@ pub fn sample(
     // Row vector of the moments applied to the fit: the weight that each station has through it.
     let through_fit = inverse * Vector3::new(0.0, mean_first, mean_second);
     let mut variance = 0.0;
-    for (station, footprint) in stations[first..last].iter().zip(&footprints[first..last]) {
-        if !station.variance[c].is_finite() {
+    for (k, footprint) in (first..last).zip(&footprints[first..last]) {
+        if !line.variance[k].is_finite() {
             continue;
         }
         let (d1, d2) = footprint.moments(centre);
         let basis = Vector3::new(1.0, d1 / half, d2 / (half * half));
         let weight = footprint.overlap(centre, bin / 2.0) / covered - through_fit.dot(&basis);
-        variance += weight * weight * station.variance[c];
+        variance += weight * weight * line.variance[k];
     }
     Some(Value {
         value,
@@ -142,7 +146,7 @@ mod tests {
     use super::*;
 
     /// Stations of a line on which θo′ = asin(s/radius), each the average of `f` over its pixel.
-    fn line(radius: f64, f: impl Fn(f64) -> f64) -> (Vec<Station>, Vec<Footprint>) {
+    fn line(radius: f64, f: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<Footprint>) {
         let n = (2.0 * radius) as i32 - 2;
         (0..n)
             .map(|k| {
@@ -152,18 +156,39 @@ mod tests {
                     .map(|m| f(at((f64::from(m) + 0.5) / 200.0 - 0.5)))
                     .sum::<f64>()
                     / 200.0;
-                let station = Station {
-                    value: vec![mean],
-                    variance: vec![1.0],
-                    pixels: 1,
-                };
                 let footprint = Footprint {
                     ends: [at(-0.5), at(0.5)],
                     nodes: GAUSS_NODES.map(at),
                 };
-                (station, footprint)
+                (mean, footprint)
             })
             .unzip()
+    }
+
+    /// A sample of stations of variance 1, but for those where `missing`.
+    fn read(
+        (value, footprints): &(Vec<f64>, Vec<Footprint>),
+        missing: impl Fn(f64) -> bool,
+        centre: f64,
+        bin: f64,
+    ) -> Option<Value> {
+        let variance: Vec<f64> = footprints
+            .iter()
+            .map(|f| {
+                if missing(f.nodes[1]) {
+                    f64::INFINITY
+                } else {
+                    1.0
+                }
+            })
+            .collect();
+        let line = Line {
+            value,
+            variance: &variance,
+            pixels: &vec![1; value.len()],
+            footprints,
+        };
+        sample(&line, centre, bin)
     }
 
     #[test]
@@ -171,11 +196,11 @@ mod tests {
         // A Phong lobe of exponent 32 at 1° bins, photographed 400 and 200 pixels in radius.
         for radius in [200.0, 400.0] {
             let lobe = |t: f64| (t - 0.3f64).cos().max(0.0).powi(32);
-            let (stations, footprints) = line(radius, lobe);
+            let stations = line(radius, lobe);
             let bin = 1f64.to_radians();
             for j in -75..=75 {
                 let centre = (f64::from(j) + 0.5) * bin;
-                let found = sample(&stations, &footprints, 0, centre, bin).expect("seen");
+                let found = read(&stations, |_| false, centre, bin).expect("seen");
                 // Fourth-order remainder of the fit: B⁗ a⁴/24 · 0.3 with a = 1.5°, B⁗ ≤ 3·32².
                 assert!(
                     (found.value - lobe(centre)).abs() < 4e-5,
@@ -188,9 +213,9 @@ mod tests {
 
     #[test]
     fn the_variance_is_that_of_the_mean_of_the_bin() {
-        let (stations, footprints) = line(400.0, |t| t);
+        let stations = line(400.0, |t| t);
         let bin = 1f64.to_radians();
-        let found = sample(&stations, &footprints, 0, 0.005, bin).expect("seen");
+        let found = read(&stations, |_| false, 0.005, bin).expect("seen");
         // 400 px · 1° = 6.98 pixels in the bin; curvature and slope, from twice as many pixels, add about a
         // tenth each.
         let expected = 1.0 / 6.98;
@@ -200,12 +225,7 @@ mod tests {
 
     #[test]
     fn an_unseen_bin_has_no_sample() {
-        let (mut stations, footprints) = line(200.0, |t| t);
-        for (station, footprint) in stations.iter_mut().zip(&footprints) {
-            if footprint.nodes[1].abs() < 0.1 {
-                station.variance[0] = f64::INFINITY;
-            }
-        }
-        assert!(sample(&stations, &footprints, 0, 0.0, 0.02).is_none());
+        let stations = line(200.0, |t| t);
+        assert!(read(&stations, |t| t.abs() < 0.1, 0.0, 0.02).is_none());
     }
 }

@@ -5,8 +5,8 @@ use crate::error::{Error, Result};
 use crate::geometry::{Side, ViewGeometry};
 use crate::radiance::Radiance;
 
-use super::columns::{Footprint, GAUSS_NODES, sample};
-use super::strip::{Station, along_line, along_rows};
+use super::columns::{Footprint, GAUSS_NODES, Line, sample};
+use super::strip::{Stations, along_line, along_rows};
 
 /// Slope of the line in the image below which it is taken to run along the rows: over an object of
 /// 1000 pixels it then leaves a row by less than one pixel, which the fit across the line follows.
@@ -21,7 +21,7 @@ pub struct MeasuredLine {
     /// Image position of each station, pixels, from the left limb to the right.
     pub positions: Vec<[f64; 2]>,
     /// The stations.
-    pub stations: Vec<Station>,
+    pub stations: Stations,
     tangent: [f64; 2],
 }
 
@@ -157,16 +157,23 @@ impl MeasuredLine {
         limb_cut: f64,
     ) -> Vec<Vec<Option<ViewSample>>> {
         // Along the line θo′ decreases; samples are taken in increasing θo′.
-        let (footprints, stations): (Vec<Footprint>, Vec<Station>) = self
+        let (footprints, places): (Vec<Footprint>, Vec<usize>) = self
             .positions
             .iter()
-            .zip(&self.stations)
+            .enumerate()
             .rev()
-            .filter_map(|(p, s)| Some((self.footprint(geometry, *p)?, s.clone())))
+            .filter_map(|(k, p)| Some((self.footprint(geometry, *p)?, k)))
             .unzip();
-        let channels = self.stations.first().map_or(0, |s| s.value.len());
-        (0..channels)
+        let pixels: Vec<u32> = places.iter().map(|&k| self.stations.pixels[k]).collect();
+        let ordered = |of: &[f64]| -> Vec<f64> { places.iter().map(|&k| of[k]).collect() };
+        (0..self.stations.channels())
             .map(|c| {
+                let line = Line {
+                    value: &ordered(&self.stations.value[c]),
+                    variance: &ordered(&self.stations.variance[c]),
+                    pixels: &pixels,
+                    footprints: &footprints,
+                };
                 locals
                     .iter()
                     .map(|&local| {
@@ -174,7 +181,7 @@ impl MeasuredLine {
                             return None;
                         }
                         let point = geometry.trace(local.rad())?;
-                        let found = sample(&stations, &footprints, c, local.rad(), bin)?;
+                        let found = sample(&line, local.rad(), bin)?;
                         Some(ViewSample {
                             alpha: wrap(orbit.rad() + point.alpha),
                             value: found.value,

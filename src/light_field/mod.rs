@@ -19,4 +19,4 @@ pub use gridding::grid;
 pub use jitter::{Jitter, jitter};
 pub use line::{MeasuredLine, ViewSample, automatic_limb_cut};
 pub use samples::{Column, Gathered, Samples, Systematic, gather};
-pub use strip::Station;
+pub use strip::Stations;

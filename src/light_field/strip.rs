@@ -12,15 +12,36 @@ use nalgebra::{Matrix3, Vector3};
 use super::dust;
 use crate::radiance::Radiance;
 
-/// Radiance at one pixel step along the measured line.
+/// Radiance at each pixel step along the measured line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Station {
-    /// Radiance on the cross-section, \[channel\].
-    pub value: Vec<f64>,
-    /// Its variance, \[channel\]; infinite if no pixel of it was usable.
-    pub variance: Vec<f64>,
-    /// Number of pixels averaged.
-    pub pixels: u32,
+pub struct Stations {
+    /// Radiance on the cross-section, \[channel\]\[station\].
+    pub value: Vec<Vec<f64>>,
+    /// Its variance, \[channel\]\[station\]; infinite if no pixel of it was usable.
+    pub variance: Vec<Vec<f64>>,
+    /// Number of pixels averaged, \[station\].
+    pub pixels: Vec<u32>,
+}
+
+impl Stations {
+    /// So many stations of which nothing was seen.
+    fn unseen(count: usize, channels: usize) -> Self {
+        Self {
+            value: vec![vec![0.0; count]; channels],
+            variance: vec![vec![f64::INFINITY; count]; channels],
+            pixels: vec![0; count],
+        }
+    }
+
+    /// Number of stations.
+    pub fn count(&self) -> usize {
+        self.pixels.len()
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        self.value.len()
+    }
 }
 
 /// Stations on both sides over which the scatter of rows is pooled where no noise model is stated.
@@ -213,7 +234,7 @@ pub fn along_rows(
     radiance: &Radiance,
     columns: Range<usize>,
     line: impl Fn(usize) -> (f64, f64),
-) -> Vec<Station> {
+) -> Stations {
     let channels = radiance.channels.len();
     let width = radiance.size[0] as usize;
     let lines: Vec<(f64, f64)> = columns.clone().map(&line).collect();
@@ -297,10 +318,10 @@ pub fn along_line(
     positions: &[[f64; 2]],
     tangent: [f64; 2],
     reach: impl Fn(usize) -> f64,
-) -> Vec<Station> {
+) -> Stations {
     let channels = radiance.channels.len();
     let width = radiance.size[0] as usize;
-    let mut all = Vec::with_capacity(positions.len());
+    let mut all = Stations::unseen(positions.len(), channels);
     for (k, position) in positions.iter().enumerate() {
         let reach = reach(k);
         let radius = reach + 1.5;
@@ -312,11 +333,6 @@ pub fn along_line(
             ..((position[1] + radius)
                 .ceil()
                 .clamp(0.0, f64::from(radiance.rows.end)) as u32);
-        let mut station = Station {
-            value: vec![0.0; channels],
-            variance: vec![f64::INFINITY; channels],
-            pixels: 0,
-        };
         for c in 0..channels {
             let mut normal = nalgebra::Matrix4::<f64>::zeros();
             let mut right = nalgebra::Vector4::<f64>::zeros();
@@ -358,53 +374,41 @@ pub fn along_line(
                 let mean_pixel = used.iter().map(|u| u.3).sum::<f64>() / used.len() as f64;
                 variance = gain * residual / (used.len() - 4).max(1) as f64 + mean_pixel;
             }
-            station.value[c] = fit[0];
-            station.variance[c] = 1.5 * variance;
-            station.pixels = used.len() as u32 / 2;
+            all.value[c][k] = fit[0];
+            all.variance[c][k] = 1.5 * variance;
+            all.pixels[k] = used.len() as u32 / 2;
         }
-        all.push(station);
     }
     all
 }
 
 /// From sums to stations; where the noise is not known it is taken from the rows' scatter about the
 /// fit, pooled over neighbouring stations, and the file's quantisation (which rows share) is added in full.
-fn stations(
-    sums: &[Sums],
-    fits: &[Option<Fit>],
-    channels: usize,
-    noise_known: bool,
-) -> Vec<Station> {
+fn stations(sums: &[Sums], fits: &[Option<Fit>], channels: usize, noise_known: bool) -> Stations {
     let length = sums.len() / channels.max(1);
-    (0..length)
-        .map(|k| {
-            let mut station = Station {
-                value: vec![0.0; channels],
-                variance: vec![f64::INFINITY; channels],
-                pixels: 0,
-            };
-            for c in 0..channels {
-                let at = k * channels + c;
-                let Some(fit) = &fits[at] else { continue };
-                let mean_pixel = sums[at].variance / f64::from(sums[at].count);
-                station.value[c] = fit.value;
-                station.pixels = station.pixels.max(sums[at].count);
-                station.variance[c] = if noise_known {
-                    fit.gain * mean_pixel
-                } else {
-                    let (mut residual, mut freedom) = (0.0, 0);
-                    for near in k.saturating_sub(POOL)..(k + POOL + 1).min(length) {
-                        if let Some(fit) = &fits[near * channels + c] {
-                            residual += fit.residual;
-                            freedom += fit.freedom;
-                        }
+    let mut all = Stations::unseen(length, channels);
+    for k in 0..length {
+        for c in 0..channels {
+            let at = k * channels + c;
+            let Some(fit) = &fits[at] else { continue };
+            let mean_pixel = sums[at].variance / f64::from(sums[at].count);
+            all.value[c][k] = fit.value;
+            all.pixels[k] = all.pixels[k].max(sums[at].count);
+            all.variance[c][k] = if noise_known {
+                fit.gain * mean_pixel
+            } else {
+                let (mut residual, mut freedom) = (0.0, 0);
+                for near in k.saturating_sub(POOL)..(k + POOL + 1).min(length) {
+                    if let Some(fit) = &fits[near * channels + c] {
+                        residual += fit.residual;
+                        freedom += fit.freedom;
                     }
-                    fit.gain * residual / f64::from(freedom.max(1)) + mean_pixel
-                };
-            }
-            station
-        })
-        .collect()
+                }
+                fit.gain * residual / f64::from(freedom.max(1)) + mean_pixel
+            };
+        }
+    }
+    all
 }
 
 #[cfg(test)]
@@ -449,7 +453,7 @@ mod tests {
             let middle = f64::from(height) / 2.0;
             let image = image(height, |x, y| 1.0 + 0.01 * x - 0.004 * (y - middle).powi(2));
             let found = along_rows(&image, 0..32, |_| (middle, 100.0));
-            for (u, station) in found.iter().enumerate() {
+            for (u, value) in found.value[0].iter().enumerate() {
                 let expected = 1.0 + 0.01 * (u as f64 + 0.5);
                 // A single row keeps its footprint's bias 0.004/12; two or more reach the line
                 // within f32 rounding; two rows at ±½ share one t², so only their mean is known.
@@ -458,10 +462,7 @@ mod tests {
                 } else {
                     2e-6
                 };
-                assert!(
-                    (station.value[0] - expected).abs() < allowed,
-                    "{height} {u}"
-                );
+                assert!((value - expected).abs() < allowed, "{height} {u}");
             }
         }
     }
@@ -478,11 +479,12 @@ mod tests {
             }
         }
         let read = |image: &Radiance| along_rows(image, 0..32, |_| (20.0, 30.0));
-        for (u, (a, b)) in read(&clean).iter().zip(read(&dusty)).enumerate() {
+        let (a, b) = (read(&clean), read(&dusty));
+        for u in 0..a.count() {
             // Without noise the sound rows tell the same; rounding to f32 is 2e-7.
-            assert!((a.value[0] - b.value[0]).abs() < 2e-6, "{u}");
+            assert!((a.value[0][u] - b.value[0][u]).abs() < 2e-6, "{u}");
             let pixels = if (10..15).contains(&u) { 31 } else { 40 };
-            assert_eq!(b.pixels, pixels, "{u}");
+            assert_eq!(b.pixels[u], pixels, "{u}");
         }
     }
 
@@ -507,12 +509,9 @@ mod tests {
                 })
                 .collect();
             let found = along_line(&image, &positions, tangent, |_| 4.0);
-            for (k, station) in found.iter().enumerate() {
+            for (k, value) in found.value[0].iter().enumerate() {
                 let s = k as f64 - 8.0;
-                assert!(
-                    (station.value[0] - (2.0 + 0.02 * s)).abs() < 1e-5,
-                    "{angle} {k}"
-                );
+                assert!((value - (2.0 + 0.02 * s)).abs() < 1e-5, "{angle} {k}");
             }
         }
     }

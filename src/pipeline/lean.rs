@@ -71,8 +71,8 @@ impl Slant {
         let beside =
             |sign: f64| MeasuredLine::read_below(radiance, geometry, offset, sign * offset).ok();
         let (above, below) = (beside(-1.0)?, beside(1.0)?);
-        let count = line.stations.len();
-        if above.stations.len() != count || below.stations.len() != count {
+        let count = line.stations.count();
+        if above.stations.count() != count || below.stations.count() != count {
             return None;
         }
         let channels = radiance.channels.len();
@@ -80,12 +80,12 @@ impl Slant {
         let between = |k: usize| Some(elevation(&below, k)? - elevation(&above, k)?);
         let slope = (0..count)
             .map(|k| {
-                let (a, b) = (&above.stations[k], &below.stations[k]);
+                let (a, b) = (&above.stations, &below.stations);
                 (0..channels)
                     .map(|c| {
                         let d = between(k).filter(|d| *d != 0.0)?;
-                        let variance = (a.variance[c] + b.variance[c]) / (d * d);
-                        let slope = (b.value[c] - a.value[c]) / d;
+                        let variance = (a.variance[c][k] + b.variance[c][k]) / (d * d);
+                        let slope = (b.value[c][k] - a.value[c][k]) / d;
                         variance.is_finite().then_some((slope, variance))
                     })
                     .collect()
@@ -157,12 +157,12 @@ impl Lean {
     /// The part of a view's slopes that goes as ∂B/∂u (per pixel) beside e and e B, and its weight.
     fn slide_of(&self, view: &LeaningView<'_>) -> Option<(f64, f64)> {
         let slant = view.slant?;
-        let channels = view.line.stations.first()?.value.len();
+        let channels = view.line.stations.channels();
         let (mut along, mut across) = (0.0, 0.0);
         for c in 0..channels {
             let mut normal = Matrix3::<f64>::zeros();
             let mut right = Vector3::<f64>::zeros();
-            for k in 1..view.line.stations.len().saturating_sub(1) {
+            for k in 1..view.line.stations.count().saturating_sub(1) {
                 let position = view.line.positions[k];
                 // Towards the limb θo′ is no longer even over a pixel.
                 if !(view.geometry.sin_local(position).abs() < INNER) {
@@ -172,7 +172,7 @@ impl Lean {
                 else {
                     continue;
                 };
-                let b = |k: usize| view.line.stations[k].value[c];
+                let b = |k: usize| view.line.stations.value[c][k];
                 let row = Vector3::new(0.5 * (b(k + 1) - b(k - 1)), e, e * b(k));
                 normal += row * row.transpose();
                 right += row * slope;
@@ -198,14 +198,14 @@ impl Lean {
         let slant = view.slant?;
         let slide = self.slide.get(k)?;
         let mut upright = view.line.clone();
-        let count = upright.stations.len();
-        for (i, station) in upright.stations.iter_mut().enumerate() {
+        let count = upright.stations.count();
+        for i in 0..count {
             let Some(e) = self.missed(view, view.line.positions[i]) else {
                 continue;
             };
             let window = i.saturating_sub(slant.half).max(1)..(i + slant.half + 1).min(count - 1);
-            for c in 0..station.value.len() {
-                let b = |k: usize| view.line.stations[k].value[c];
+            for c in 0..upright.stations.channels() {
+                let b = |k: usize| view.line.stations.value[c][k];
                 let near = window.clone().filter_map(|k| {
                     let (slope, variance) = slant.slope[k][c]?;
                     Some((slope - slide * 0.5 * (b(k + 1) - b(k - 1)), variance))
@@ -214,8 +214,8 @@ impl Lean {
                     (t.0 + 1.0, t.1 + slope, t.2 + variance)
                 });
                 if n > 0.0 {
-                    station.value[c] -= 0.5 * e * sum / n;
-                    station.variance[c] += 0.25 * e * e * variance / (n * n);
+                    upright.stations.value[c][i] -= 0.5 * e * sum / n;
+                    upright.stations.variance[c][i] += 0.25 * e * e * variance / (n * n);
                 }
             }
         }

@@ -331,9 +331,10 @@ fn small_multiples(done: &[(&str, &Found)]) -> String {
         let top = if common { top } else { largest(found) };
         let _ = write!(
             out,
-            "<a class=\"multiple\" href=\"{}/report.html\"><span>{}</span>{}</a>",
+            "<a class=\"multiple\" href=\"{}/report.html\"><span>{}</span><small>up to {}</small>{}</a>",
             link(name),
             escape(name),
+            escape(&short(largest(found), 3)),
             small(name, found, if top > 0.0 { 1.05 * top } else { 1.0 })
         );
     }
@@ -376,14 +377,9 @@ fn small(name: &str, found: &Found, top: f64) -> String {
             path_data(points.map(|(a, v)| (x(*a), y(*v))))
         );
     }
-    let _ = write!(
-        body,
-        "<text class=\"tick\" x=\"2\" y=\"11\">{}</text>",
-        escape(&short(top / 1.05, 3))
-    );
     format!(
-        "<svg viewBox=\"-12 -2 {} {}\" role=\"img\" aria-label=\"{}\"><path class=\"frame\" d=\"M0 0H{width}V{height}H0Z\"/>{body}</svg>",
-        width + 24.0,
+        "<svg viewBox=\"-20 -2 {} {}\" role=\"img\" aria-label=\"{}\"><path class=\"frame\" d=\"M0 0H{width}V{height}H0Z\"/>{body}</svg>",
+        width + 40.0,
         height + 20.0,
         escape(&format!(
             "{name}: curve over {axis}, largest value {}",

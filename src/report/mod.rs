@@ -5,12 +5,13 @@
 //! paper; a small script adds the values under the pointer.
 
 mod batch;
+mod comparison;
 mod equation;
 mod figure;
 mod methods;
 pub mod number;
 pub mod paper;
-mod plot;
+pub mod plot;
 mod results;
 mod settings;
 mod sheet;
@@ -24,6 +25,7 @@ use askama::Template;
 use crate::error::{Error, Result};
 use crate::pipeline::Run;
 pub use batch::batch;
+pub use comparison::comparison;
 use figure::Figure;
 use methods::Passage;
 use results::ResultTable;

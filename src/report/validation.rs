@@ -221,23 +221,29 @@ fn data(cells: &[Row]) -> Table {
 fn error_and_bound(cells: &[Row]) -> Figure {
     let values = cells.iter().flat_map(|(_, o)| [o.rmse, o.bound]).flatten();
     let scale = Scale::log_around(values, 6.0);
-    let mut plot = Plot::new(
-        Size::Wide,
-        320.0,
-        Axis::new("Cramér–Rao bound / norm of the truth", scale, 6),
-        Axis::new("error / norm of the truth", scale, 6),
-    )
-    .with_legend(legend());
-    plot.line(
-        &[(scale.low(), scale.low()), (scale.high(), scale.high())],
-        "bound",
-    );
-    for (cell, outcome) in cells {
-        if let (Some(error), Some(bound)) = (outcome.rmse, outcome.bound) {
-            let (class, mark) = class(cell.recovered);
-            plot.point(bound, error, mark, class);
+    let draw = |size: Size| {
+        let mut plot = Plot::new(
+            size,
+            320.0,
+            Axis::new("Cramér–Rao bound / norm of the truth", scale, 6),
+            Axis::new("error / norm of the truth", scale, 6),
+        )
+        .with_legend(legend());
+        plot.line(
+            &[(scale.low(), scale.low()), (scale.high(), scale.high())],
+            "bound",
+        );
+        for (cell, outcome) in cells {
+            if let (Some(error), Some(bound)) = (outcome.rmse, outcome.bound) {
+                let (class, mark) = class(cell.recovered);
+                plot.point(bound, error, mark, class);
+            }
         }
-    }
+        plot.finish(
+            "Error of every cell against its bound, both logarithmic, with the line on which they are equal.",
+            "",
+        )
+    };
     Figure {
         id: "error-and-bound",
         title: "Error and bound",
@@ -246,10 +252,7 @@ fn error_and_bound(cells: &[Row]) -> Figure {
             .to_owned(),
         panels: vec![Panel {
             name: "all".to_owned(),
-            markup: plot.finish(
-                "Error of every cell against its bound, both logarithmic, with the line on which they are equal.",
-                "",
-            ),
+            markup: [Size::Wide, Size::Narrow].map(draw).concat(),
         }],
         table: data(cells),
         wide: true,

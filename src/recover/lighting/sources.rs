@@ -56,21 +56,25 @@ pub fn response_derivative(samples: &Samples, brdf: &dyn Brdf, theta: f64) -> Re
 
 /// Σ w f g over samples of weights w; f and g at samples of weight 0 are ignored.
 pub fn weighted_product(weights: &[Vec<f64>], f: &[Vec<f64>], g: &[Vec<f64>]) -> f64 {
-    const LANES: usize = 4;
+    let product = |w: f64, f: f64, g: f64| if w > 0.0 { w * f * g } else { 0.0 };
     let mut total = 0.0;
     for ((weights, f), g) in weights.iter().zip(f).zip(g) {
-        // Lanes do not wait for each other's sums.
-        let mut sums = [0.0; LANES];
-        for ((w, f), g) in weights
-            .chunks(LANES)
-            .zip(f.chunks(LANES))
-            .zip(g.chunks(LANES))
-        {
-            for (((sum, w), f), g) in sums.iter_mut().zip(w).zip(f).zip(g) {
-                *sum += if *w > 0.0 { w * f * g } else { 0.0 };
+        // Four sums side by side, so that none waits for the one before.
+        let (w, f, g) = (
+            weights.as_chunks::<4>(),
+            f.as_chunks::<4>(),
+            g.as_chunks::<4>(),
+        );
+        let mut sums = [0.0; 4];
+        for ((w, f), g) in w.0.iter().zip(f.0).zip(g.0) {
+            for k in 0..4 {
+                sums[k] += product(w[k], f[k], g[k]);
             }
         }
         total += sums.iter().sum::<f64>();
+        for ((w, f), g) in w.1.iter().zip(f.1).zip(g.1) {
+            total += product(*w, *f, *g);
+        }
     }
     total
 }

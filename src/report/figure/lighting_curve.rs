@@ -1,6 +1,6 @@
 //! The recovered lighting as a curve with its 95 % band.
 
-use super::{FULL, Figure, Panel, irradiance_unit, lighting_unit};
+use super::{FULL, Figure, Panel, irradiance_unit, lighting_unit, two_scales};
 use crate::angle::wrap;
 use crate::pipeline::Run;
 use crate::recover::lighting::{ChannelEstimate, LightingEstimate};
@@ -108,17 +108,13 @@ pub fn lighting_curve(run: &Run) -> Option<Figure> {
             label: "source".to_owned(),
         });
     }
-    let draw = |size: Size| {
+    let draw = |size: Size, scale: Scale| {
         let step = if size.is_wide() { 30.0 } else { 90.0 };
         let mut plot = Plot::new(
             size,
             280.0,
             Axis::degrees("direction θ / degrees", -180.0, 180.0, step),
-            Axis::new(
-                format!("L / {}", lighting_unit(run)),
-                Scale::linear(low, high),
-                6,
-            ),
+            Axis::new(format!("L / {}", lighting_unit(run)), scale, 6),
         )
         .with_legend(legend.clone());
         let thin = if size.is_wide() { 1 } else { 2 };
@@ -151,6 +147,11 @@ pub fn lighting_curve(run: &Run) -> Option<Figure> {
             "data-curve=\"theta_deg\"",
         )
     };
+    let smooth = lighting.channels.iter().flat_map(|c| {
+        let beside = beside_sources(lighting, c);
+        beside.into_iter().map(|p| p.value)
+    });
+    let logarithmic = Scale::log_around(smooth, 5.0);
     let mut caption = format!(
         "Incident light per radian of direction, in {}, with the band that holds the truth in 95 % of cases if the noise model and the BRDF hold.",
         lighting_unit(run)
@@ -185,7 +186,13 @@ pub fn lighting_curve(run: &Run) -> Option<Figure> {
         caption,
         panels: vec![Panel {
             name: String::new(),
-            markup: FULL.map(draw).concat(),
+            markup: two_scales(
+                "lighting",
+                &FULL
+                    .map(|size| draw(size, Scale::linear(low, high)))
+                    .concat(),
+                &FULL.map(|size| draw(size, logarithmic)).concat(),
+            ),
         }],
         table: table(lighting),
         wide: true,

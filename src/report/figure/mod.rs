@@ -76,6 +76,16 @@ pub struct Panel {
 /// Sizes of a figure that takes the whole width.
 const FULL: [Size; 2] = [Size::Wide, Size::Narrow];
 
+/// A drawing with a linear and one with a logarithmic axis, of which one is shown; without scripts and on paper the linear one.
+fn two_scales(id: &str, linear: &str, log: &str) -> String {
+    format!(
+        "<fieldset class=\"switch\"><legend>Scale</legend>\
+         <label><input type=\"radio\" name=\"{id}-scale\" value=\"linear\" checked><span>linear</span></label>\
+         <label><input type=\"radio\" name=\"{id}-scale\" value=\"log\"><span>log</span></label></fieldset>\
+         <div class=\"scale-linear\">{linear}</div><div class=\"scale-log\">{log}</div>"
+    )
+}
+
 /// At most this many channels get their own image; of more, an even choice is shown.
 const IMAGE_CHANNELS: usize = 3;
 

@@ -121,27 +121,84 @@ pub fn setup(run: &Run) -> Figure {
         ),
         panels: vec![Panel {
             name: String::new(),
-            markup: svg(
-                Size::Half,
-                Size::Half.width(),
-                2.0 * CENTRE[1],
-                &format!(
-                    "Schematic of the set-up: {shape} in the middle, {} cameras around it, the recovered light outside.",
-                    run.views.len()
+            markup: camera(&run.capture_toml)
+                + &svg(
+                    Size::Half,
+                    Size::Half.width(),
+                    2.0 * CENTRE[1],
+                    &format!(
+                        "Schematic of the set-up: {shape} in the middle, {} cameras around it, the recovered light outside.",
+                        run.views.len()
+                    ),
+                    &body,
                 ),
-                &body,
-            ),
         }],
         table: Table {
-            columns: ["view", "orbit_deg"].map(str::to_owned).to_vec(),
+            columns: [
+                "view",
+                "file",
+                "orbit_deg",
+                "plane_roll_deg",
+                "centre_x_px",
+                "centre_y_px",
+            ]
+            .map(str::to_owned)
+            .to_vec(),
             rows: run
                 .views
                 .iter()
+                .zip(rolls(&run.capture_toml))
                 .enumerate()
-                .map(|(i, v)| vec![Cell::Fixed(i as f64, 0), Cell::Fixed(v.orbit_deg, 3)])
+                .map(|(i, (v, roll))| {
+                    vec![
+                        Cell::Fixed(i as f64, 0),
+                        Cell::Text(v.file.clone()),
+                        Cell::Fixed(v.orbit_deg, 3),
+                        Cell::Fixed(roll, 3),
+                        Cell::Fixed(v.centre_px[0], 3),
+                        Cell::Fixed(v.centre_px[1], 3),
+                    ]
+                })
                 .collect(),
             note: String::new(),
         },
         wide: false,
     }
+}
+
+/// Roll of the measurement plane in each view, degrees; then zeros without end.
+fn rolls(capture: &str) -> impl Iterator<Item = f64> {
+    let capture: toml::Table = toml::from_str(capture).unwrap_or_default();
+    let views = capture.get("view").and_then(toml::Value::as_array);
+    let rolls: Vec<f64> = views
+        .into_iter()
+        .flatten()
+        .map(|v| v.get("plane_roll_deg"))
+        .map(|v| v.and_then(|v| v.as_float().or(v.as_integer().map(|i| i as f64))))
+        .map(|v| v.unwrap_or(0.0))
+        .collect();
+    rolls.into_iter().chain(std::iter::repeat(0.0))
+}
+
+/// What the script needs to find the pixel that shows a surface point.
+fn camera(capture: &str) -> String {
+    let mut out = String::from("<div id=\"camera\" hidden");
+    for (attribute, keys) in [
+        ("radius", ["object", "radius"]),
+        ("distance", ["camera", "distance"]),
+        ("focal", ["camera", "focal_px"]),
+        ("across", ["camera", "width_m"]),
+    ] {
+        if let Some(value) = number_at(capture, &keys) {
+            out += &format!(" data-{attribute}=\"{value}\"");
+        }
+    }
+    let size: Option<toml::Table> = toml::from_str(capture).ok();
+    let width = size
+        .as_ref()
+        .and_then(|t| t.get("camera")?.get("image_size")?.get(0)?.as_integer());
+    if let Some(width) = width {
+        out += &format!(" data-width=\"{width}\"");
+    }
+    out + "></div>"
 }

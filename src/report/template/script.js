@@ -105,14 +105,36 @@
     return `≈ ${number(low + (high - low) * (d.spacing === "root" ? t * t : t))}`;
   };
 
-  const nearestView = (direction) => {
-    const { rows } = table(document.getElementById("setup"));
+  /* The photo and the pixel that look at the point α in the direction nearest to θo′, radians and pixels. */
+  const camera = document.getElementById("camera");
+  const seenBy = (alpha, local) => {
+    const { columns, rows } = table(document.getElementById("setup"));
+    const at = (row, name) => row[columns.indexOf(name)];
+    const radians = (deg) => deg * Math.PI / 180;
+    const [radius, distance] = camera ? [+camera.dataset.radius, +camera.dataset.distance] : [0, 0];
+    const a = radians(alpha);
     let best = null;
-    for (const [view, orbit] of rows) {
-      const off = Math.abs(((+orbit - direction + 540) % 360 + 360) % 360 - 180);
-      if (!best || off < best.off) best = { view, off };
+    for (const row of rows) {
+      const orbit = radians(+at(row, "orbit_deg"));
+      const parallel = !(camera && camera.dataset.focal);
+      const exitant = parallel ? orbit : Math.atan2(
+        distance * Math.sin(orbit) - radius * Math.sin(a), distance * Math.cos(orbit) - radius * Math.cos(a));
+      const turn = exitant - a - radians(local);
+      const off = Math.abs(Math.atan2(Math.sin(turn), Math.cos(turn)));
+      if (!best || off < best.off) best = { row, off, orbit, parallel };
     }
-    return best ? best.view : null;
+    if (!best) return null;
+    let text = `view ${at(best.row, "view")}, ${at(best.row, "file")}`;
+    const side = radius * Math.sin(a - best.orbit);
+    const scale = best.parallel ? camera && camera.dataset.width / camera.dataset.across
+      : +camera.dataset.focal / (distance - radius * Math.cos(a - best.orbit));
+    if (Number.isFinite(scale) && scale > 0) {
+      const roll = radians(+at(best.row, "plane_roll_deg"));
+      const x = +at(best.row, "centre_x_px") + scale * side * Math.cos(roll);
+      const y = +at(best.row, "centre_y_px") - scale * side * Math.sin(roll);
+      text += `\nnear pixel ${x.toFixed(0)}, ${y.toFixed(0)}`;
+    }
+    return text;
   };
 
   const readImage = (event, area, fx, fy) => {
@@ -134,14 +156,15 @@
       return;
     }
     let text = `α ${angle(x)}°, θo′ ${angle(y)}°\n${value}`;
-    const view = value === "not seen" || value === "…" ? null : nearestView(x + y);
-    if (view !== null) text += `\nnearest view ${view}`;
+    const from = value === "not seen" || value === "…" ? null : seenBy(x, y);
+    if (from !== null) text += `\n${from}`;
     show(event, text);
   };
 
   const readCurve = (event, area, fx) => {
     const d = area.dataset;
     const figure = area.closest("figure");
+    if (!figure) return;
     const { columns, rows } = table(figure);
     const xColumn = columns.indexOf(d.curve);
     if (xColumn < 0) return;
@@ -168,18 +191,83 @@
     show(event, lines.join("\n"));
   };
 
-  document.addEventListener("pointermove", (event) => {
-    const area = event.target instanceof Element ? event.target.closest(".area") : null;
-    if (!area || !(area.dataset.image || area.dataset.curve)) { hide(); return; }
-    const r = area.getBoundingClientRect();
-    if (!(r.width > 0 && r.height > 0)) { hide(); return; }
-    const fx = Math.min(1, Math.max(0, (event.clientX - r.left) / r.width));
-    const fy = Math.min(1, Math.max(0, (event.clientY - r.top) / r.height));
+  /* A cross where the values are read; event has clientX and clientY. */
+  const read = (event, area, fx, fy) => {
     if (area.dataset.image) readImage(event, area, fx, fy);
     else readCurve(event, area, fx);
+    mark(area, fx, area.dataset.image ? fy : null);
+  };
+  const cross = document.createElementNS("http://www.w3.org/2000/svg", "path");
+  cross.setAttribute("class", "cursor");
+  const mark = (area, fx, fy) => {
+    const [x, y, w, h] = ["x", "y", "width", "height"].map((name) => +area.getAttribute(name));
+    cross.setAttribute("d", `M${x + fx * w} ${y}v${h}` + (fy === null ? "" : `M${x} ${y + fy * h}h${w}`));
+    area.before(cross);
+  };
+  const away = () => { hide(); cross.remove(); };
+
+  document.addEventListener("pointermove", (event) => {
+    const area = event.target instanceof Element ? event.target.closest(".area") : null;
+    if (!area || !(area.dataset.image || area.dataset.curve)) { away(); return; }
+    const r = area.getBoundingClientRect();
+    if (!(r.width > 0 && r.height > 0)) { away(); return; }
+    const fx = Math.min(1, Math.max(0, (event.clientX - r.left) / r.width));
+    const fy = Math.min(1, Math.max(0, (event.clientY - r.top) / r.height));
+    read(event, area, fx, fy);
   });
-  document.addEventListener("pointerleave", hide);
-  addEventListener("scroll", hide, { passive: true });
+
+  /* The same by keyboard: a plot in focus is read with the arrow keys, Shift for larger steps. */
+  for (const area of document.querySelectorAll(".area[data-image], .area[data-curve]")) {
+    const drawing = area.closest("svg");
+    drawing.tabIndex = 0;
+    const image = document.getElementById(area.dataset.image);
+    const cells = image ? [+image.getAttribute("width"), +image.getAttribute("height")] : [180, 1];
+    let at = [0.5, 0.5];
+    drawing.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") { away(); return; }
+      const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+      if (!way) return;
+      event.preventDefault();
+      const steps = event.shiftKey ? 10 : 1;
+      at = at.map((v, k) => Math.min(1 - 1e-6, Math.max(0, v + way[k] * steps / cells[k])));
+      const r = area.getBoundingClientRect();
+      read({ clientX: r.left + at[0] * r.width, clientY: r.top + at[1] * r.height }, area, ...at);
+    });
+    drawing.addEventListener("blur", away);
+  }
+
+  /* A drawing enlarged, to be scrolled: pointer or keyboard, closed by Escape. */
+  for (const figure of document.querySelectorAll("figure")) {
+    if (!figure.querySelector(".panel svg:not(.store)")) continue;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "enlarge";
+    button.textContent = "Enlarge";
+    button.addEventListener("click", () => {
+      const dialog = document.createElement("dialog");
+      dialog.className = "large";
+      const close = document.createElement("button");
+      close.type = "button";
+      close.textContent = "Close";
+      close.addEventListener("click", () => dialog.close());
+      dialog.append(close);
+      for (const drawing of figure.querySelectorAll(".panel svg:not(.store)")) {
+        if (drawing.parentElement.closest("svg") || drawing.getBoundingClientRect().width === 0) continue;
+        const copy = drawing.cloneNode(true);
+        copy.removeAttribute("class");
+        dialog.append(copy);
+      }
+      dialog.addEventListener("close", () => { away(); document.body.append(box); dialog.remove(); button.focus(); });
+      document.body.append(dialog);
+      dialog.showModal();
+      dialog.append(box);
+    });
+    const data = figure.querySelector("details.data");
+    if (data) data.before(button); else figure.append(button);
+  }
+
+  document.addEventListener("pointerleave", away);
+  addEventListener("scroll", away, { passive: true });
 
   /* Tables of class sortable are sorted by the keys of a column; rows without a key stay at the end. */
   for (const table of document.querySelectorAll("table.sortable")) {

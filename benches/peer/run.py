@@ -1,0 +1,72 @@
+#!/usr/bin/env python3
+"""flatlight against what one would use instead (peer.py: OpenImageIO, NumPy, SciPy), in one run on the same two processors.
+
+    benches/peer/run.py [--flatlight BINARY] [--cpus 0,1] [--repeat N] SET...
+    benches/peer/run.py --large SET      also: whole photographs only read, by OpenImageIO
+
+Runs alternate, so that what else the machine does falls on both. A SET is a folder with capture.toml, recipe.toml and
+views/; `cargo bench --bench set` writes such sets of any size. Needs a Python with OpenImageIO, NumPy and SciPy."""
+import argparse
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sets", type=Path, nargs="+")
+    parser.add_argument("--flatlight", type=Path, default=ROOT / "target/release/flatlight")
+    parser.add_argument("--cpus", default="0,1")
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--large", action="store_true", help="compare with reading whole photographs only")
+    options = parser.parse_args()
+    os.sched_setaffinity(0, {int(c) for c in options.cpus.split(",")})
+    for folder in options.sets:
+        ours, theirs = [], []
+        for _ in range(options.repeat):
+            with tempfile.TemporaryDirectory() as out:
+                shutil.rmtree(out)
+                ours.append(timed([options.flatlight, "run", folder / "recipe.toml", "--capture", folder, "--out", out,
+                                   "--threads", "2", "--quiet"]))
+                os.makedirs(out, exist_ok=True)
+            more = ["--read-only"] if options.large else []
+            theirs.append(timed([sys.executable, HERE / "peer.py", folder, *more]))
+        name = "reading whole photographs" if options.large else "the peer"
+        print(f"{folder}: flatlight, report included, {told(ours)}; {name} {told(theirs)}; "
+              f"{least(theirs, 'wall') / least(ours, 'wall'):.1f} times by wall, "
+              f"{least(theirs, 'inside') / least(ours, 'wall'):.1f} times without Python's start, "
+              f"{least(theirs, 'cpu') / least(ours, 'cpu'):.1f} times by processor time")
+
+
+def timed(command):
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode != 0:
+        sys.exit(f"{command[0]} failed: {done.stderr}")
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    last = done.stdout.strip().splitlines()[-1]
+    inside = json.loads(last)["seconds"] if last.startswith("{") else wall
+    return {"wall": wall, "cpu": cpu, "inside": inside}
+
+
+def least(runs, key):
+    return min(run[key] for run in runs)
+
+
+def told(runs):
+    walls = sorted(run["wall"] for run in runs)
+    return f"{walls[0]:.2f} s (median {walls[len(walls) // 2]:.2f} s, processor time {least(runs, 'cpu'):.2f} s)"
+
+
+if __name__ == "__main__":
+    main()
