@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use flatlight::brdf::{Brdf, Model};
-use flatlight::capture::Capture;
+use flatlight::capture::{Capture, Encoding};
 use flatlight::fourier::Series;
 use flatlight::lighting::{Lighting, Source};
 use flatlight::pipeline::{Folder, Recipe, Run, Silent, Verdict, execute};
 use flatlight::recover::Status;
+use flatlight::simulate;
 use flatlight::{LocalAngle, WorldAngle};
 
 fn light() -> Lighting {
@@ -24,13 +25,18 @@ fn light() -> Lighting {
 
 /// Of a set's views the first `views`.
 fn run(set: &str, views: usize, scale: &str) -> Run {
+    run_changed(set, scale, &|capture| capture.views.truncate(views))
+}
+
+/// A set whose description was changed first.
+fn run_changed(set: &str, scale: &str, change: &dyn Fn(&mut Capture)) -> Run {
     let text = format!("format = 1\nrecover = \"both\"\n{scale}\n");
     let recipe = Recipe::parse(&text, Path::new("recipe.toml"), Path::new(".")).expect("a recipe");
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("testdata")
         .join(set);
     let mut capture = Capture::read(&folder).expect("a capture");
-    capture.views.truncate(views);
+    change(&mut capture);
     execute(&recipe, &capture, &Silent).expect("a run")
 }
 
@@ -92,7 +98,12 @@ fn a_metal_under_two_suns_gives_light_and_material() {
         assert!((scale - 1.0).abs() < 0.01, "channel {c}: {scale}");
         let rms = brdf_error(&run, c, truth.brdfs[c].as_ref());
         assert!(rms < 3e-3, "channel {c}: {rms}");
-        assert_ne!(run.fit[c].verdict, Verdict::Refused, "{:?}", run.fit[c]);
+        // Right to 0.2 %, the result explains the photographs: noise-free ones but for kinks where the suns graze, 0.4–0.7 %.
+        let fit = &run.fit[c];
+        assert!(
+            fit.verdict == Verdict::Explained && fit.unexplained < 0.01,
+            "{fit:?}"
+        );
         let channel = &run.lighting.as_ref().expect("a light").channels[c];
         assert!(channel.determined_band >= Some(12));
         // Eq. 29 uses one row of the equations where the result uses all.
@@ -121,6 +132,83 @@ fn a_metal_under_two_suns_gives_light_and_material() {
     let gauge = &summary["channels"][0]["gauge"];
     for key in ["scale", "components", "undetermined", "difference_of_eq_29"] {
         assert!(!gauge[key].is_null(), "{key}");
+    }
+}
+
+/// Photographs that no lighting and BRDF explain are told: a view stands 1.5° beside its stated angle, to alternate sides (a tenth of
+/// the lobe's height on its flanks), or the photographs are not linear.
+#[test]
+fn what_does_not_explain_the_photographs_is_told() {
+    let crooked = |capture: &mut Capture| {
+        for (k, view) in capture.views.iter_mut().enumerate() {
+            let side = if k % 2 == 0 { 1.5 } else { -1.5 };
+            view.orbit = WorldAngle::degrees(view.orbit.deg() + side);
+        }
+    };
+    let curved = |capture: &mut Capture| capture.sensor.encoding = Some(Encoding::Gamma(1.8));
+    for (name, run) in [
+        ("orbit", run_changed("ggx02-two-suns", "", &crooked)),
+        ("gamma", run_changed("ggx02-two-suns", "", &curved)),
+    ] {
+        for fit in &run.fit {
+            assert_ne!(fit.verdict, Verdict::Explained, "{name}: {fit:?}");
+        }
+        assert!(
+            run.warnings.iter().any(|w| w.contains("unexplained")),
+            "{name}: {:?}",
+            run.warnings
+        );
+    }
+}
+
+/// Uniform light tells of the light its mean and of the BRDF its mean over incidence (eq. 28), all around and from a third of the
+/// circle: every frequency beyond is named as open, and no value of the BRDF is called known.
+#[test]
+fn uniform_light_leaves_all_but_the_means_open() {
+    for (views, step) in [(36, 10.0), (24, 5.0)] {
+        let text = format!(
+            "format = 1\nname = 'uniform'\nchannels = ['Y']\n[object]\nshape = 'cylinder'\nradius = 0.05\n\
+             [camera]\nprojection = 'perspective'\nimage_size = [480, 24]\nfocal_px = 2439.5\ndistance = 0.6\n\
+             [views]\ncount = {views}\norbit_start_deg = 0.0\norbit_step_deg = {step}\n\
+             [brdf]\nmodel = 'phong'\ndiffuse = 0.3\nspecular = 0.4\nexponent = 32\n[lighting]\nuniform = 0.4\n\
+             [sensor]\nformat = 'png'\nbits = 16\nexposures_s = [1.0]\nfill = 0.8\nfull_well_e = 1000000\nread_noise_e = 8\n"
+        );
+        let recipe = simulate::Recipe::parse(&text, Path::new("scene.toml"), Path::new("."))
+            .expect("a scene");
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let set = folder.path().join("set");
+        simulate::simulate(&recipe, &set, false, &|| {}).expect("photographs");
+        let recipe = Recipe::parse(
+            "format = 1\nrecover = 'both'\n",
+            Path::new("recipe.toml"),
+            Path::new("."),
+        )
+        .expect("a recipe");
+        let capture = Capture::read(&set).expect("a capture");
+        let run = execute(&recipe, &capture, &Silent).expect("a run");
+        let gauge = &run.gauge[0];
+        assert_eq!(
+            gauge.undetermined,
+            (1..=gauge.band).collect::<Vec<_>>(),
+            "{views} views"
+        );
+        let light = &run.lighting.as_ref().expect("a light").channels[0];
+        assert_eq!(light.determined_band, Some(0));
+        for (p, l) in light.spectrum.iter().enumerate().skip(1) {
+            assert!(
+                l.status == Status::Indeterminate && l.value.norm() == 0.0,
+                "{views} views, p = {p}: {l:?}"
+            );
+        }
+        let slice = &run.brdf.as_ref().expect("a slice").slices[0];
+        assert!(slice.status.iter().all(|s| *s != Status::Determined));
+        assert!(
+            run.warnings
+                .iter()
+                .any(|w| w.contains("does not change with the normal")),
+            "{:?}",
+            run.warnings
+        );
     }
 }
 

@@ -197,19 +197,25 @@ impl Task<'_> {
             scale: recipe.scale.resolve(&samples.channels)?,
             refine: true,
         };
-        let widened = joint::with_model_error(samples);
-        let mut found = factorise::recover(&widened, &options)?;
+        let radius = self.measured.views.iter().map(|v| v.radius_px);
+        let widened = joint::with_model_error(samples, radius.fold(f64::INFINITY, f64::min));
+        let mut found = factorise::recover_with(&widened, &self.measured.systematics, &options)?;
         let parametric = joint::parametric(&found, &widened, &options.scale);
         drop(widened);
         clock.lap("factorisation");
         self.progress.step();
         // The slice under the light that is determined, from what that light did.
         let light = joint::determined_light(&found);
-        let (part, widened) = joint::determined_part(&found, samples);
+        let systematics = &self.measured.systematics;
+        let corrected = joint::corrected(&found, samples, systematics);
+        let (part, widened) = joint::determined_part(&found, &corrected);
+        drop(corrected);
+        let open = joint::open_systematics(&found, samples, systematics);
         let mut options = material::options(&recipe.recovery)?;
         let band = found.channels.iter().map(|c| c.band).max();
         options.order = options.order.max(band.unwrap_or(0));
-        let estimate = brdf::recover(&widened, &light, &options)?;
+        let estimate = brdf::recover_with(&widened, &open, &light, &options)?;
+        drop((widened, open));
         joint::retract_unseen(&mut found, &estimate);
         clock.lap("BRDF");
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());

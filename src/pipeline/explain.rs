@@ -124,6 +124,11 @@ pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
     let mut said = Vec::new();
     for channel in &found.channels {
         let name = &channel.name;
+        if channel.visible_band == 0 {
+            said.push(format!(
+                "Channel {name}: the light field does not change with the normal. The light is uniform, or the surface passes nothing but its mean: no other frequency of the light is determined, and of the BRDF nothing but its mean over incidence."
+            ));
+        }
         if channel.misfit > 1.2 {
             said.push(format!(
                 "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by that. Light from out of the plane, a texture, or too small a noise estimate would do this.",

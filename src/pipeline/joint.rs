@@ -1,6 +1,6 @@
 //! The factorisation's result on its way to the products: light, slice and gauge.
 
-use std::f64::consts::{PI, SQRT_2, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, SQRT_2, TAU};
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -12,8 +12,8 @@ use super::fit::FitQuality;
 use crate::angle::wrap;
 use crate::brdf::fit::FittedParameter;
 use crate::fourier::Series;
-use crate::light_field::Samples;
-use crate::lighting::Lighting;
+use crate::light_field::{Column, Samples, Systematic};
+use crate::lighting::{Lighting, Source};
 use crate::recover::Status;
 use crate::recover::brdf::BrdfEstimate;
 use crate::recover::factorise::{self, Channel, Factorisation, ParametricFit, Scale};
@@ -100,15 +100,22 @@ pub const FOOTPRINT: f64 = 2.75;
 const MODEL_ERROR: f64 = 1e-4;
 
 /// The samples with the variance of that error added: the factorisation takes their errors as independent.
-pub fn with_model_error(samples: &Samples) -> Samples {
+///
+/// Where a pixel of an object `radius_px` large covers more than a column, what the fit within it misses grows as the square of
+/// its footprint.
+pub fn with_model_error(samples: &Samples, radius_px: f64) -> Samples {
     let mut widened = samples.clone();
+    let width = samples.column_width();
     for c in 0..samples.channels.len() {
         let present = samples.columns.iter().flat_map(|column| {
             let both = column.value[c].iter().zip(&column.variance[c]);
             both.filter(|(_, v)| v.is_finite()).map(|(b, _)| b.abs())
         });
-        let added = (MODEL_ERROR * present.fold(0.0, f64::max)).powi(2);
+        let largest = present.fold(0.0, f64::max);
         for column in &mut widened.columns {
+            let footprint = 1.0 / (radius_px * column.local.rad().cos());
+            let growth = 1.0 + (footprint / width).powi(2);
+            let added = (MODEL_ERROR * growth * largest).powi(2);
             for v in &mut column.variance[c] {
                 *v += added;
             }
@@ -188,18 +195,66 @@ fn model_summary(fit: ParametricFit) -> ParametricModel {
     }
 }
 
-/// The light that was found: band-limited.
+/// The light that was found: its frequencies up to the band, and beyond it what the sources in it go on with.
 pub fn light(found: &Factorisation) -> Lighting {
-    Lighting::band_limited(
-        found.channels.iter().map(|c| c.name.clone()).collect(),
-        found.channels.iter().map(|c| c.lighting.clone()).collect(),
-    )
+    light_of(found, |_, _| true)
+}
+
+/// The same with the determined frequencies alone up to the band.
+pub fn determined_light(found: &Factorisation) -> Lighting {
+    light_of(found, |channel, p| channel.status[p] == Status::Determined)
+}
+
+/// Sources have all frequencies: what they bring within the band is taken from the smooth part, which holds the rest of L_p of the
+/// frequencies that are `kept`, and nothing is left of the others.
+fn light_of(found: &Factorisation, kept: impl Fn(&Channel, usize) -> bool) -> Lighting {
+    let count = found.channels.len();
+    let sources: Vec<Source> = found
+        .channels
+        .iter()
+        .enumerate()
+        .flat_map(|(c, channel)| {
+            channel.sources.iter().map(move |&(theta, irradiance)| {
+                let mut by_channel = vec![0.0; count];
+                by_channel[c] = irradiance;
+                Source {
+                    theta,
+                    irradiance: by_channel,
+                }
+            })
+        })
+        .collect();
+    let smooth = found.channels.iter().enumerate().map(|(c, channel)| {
+        let sharp = Lighting {
+            channels: Vec::new(),
+            sources: sources.clone(),
+            ..Lighting::default()
+        }
+        .series(c, channel.band);
+        let rest = sharp.coefficients.iter().enumerate().map(|(p, s)| {
+            let l = if kept(channel, p) {
+                channel.lighting.get(p as i64)
+            } else {
+                Complex64::ZERO
+            };
+            l - s
+        });
+        Series {
+            coefficients: rest.collect(),
+        }
+    });
+    Lighting {
+        channels: found.channels.iter().map(|c| c.name.clone()).collect(),
+        smooth: smooth.collect(),
+        sources,
+        ..Lighting::default()
+    }
 }
 
 /// The samples without what the light's undetermined frequencies did to them, where the views close the circle about
 /// evenly: what is left is explained by the determined light alone, at the same information per frequency.
 ///
-/// Returned twice: with the samples' variances, and with what the light's own uncertainty adds to them,
+/// Returned twice: with the samples' variances, and with what the light's own uncertainty by the noise adds to them,
 /// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that it reaches the slice's σ.
 pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Samples) {
     let mut part = samples.clone();
@@ -219,7 +274,7 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Sa
                 .filter(|&p| channel.status[p] == Status::Determined)
                 .map(|p| {
                     let light = channel.lighting.get(p as i64).norm();
-                    let share = channel.sigma[p] / light.max(f64::MIN_POSITIVE);
+                    let share = own_sigma(channel, p) / light.max(f64::MIN_POSITIVE);
                     2.0 * (series.get(p as i64).norm() * share.min(1.0)).powi(2)
                 })
                 .sum();
@@ -237,6 +292,124 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Sa
         }
     });
     (part, widened)
+}
+
+/// σ of L_p by the noise alone, without the errors that all samples share.
+fn own_sigma(channel: &Channel, p: usize) -> f64 {
+    let open = &channel.systematics.open;
+    let shared: f64 = open.iter().map(|e| e.light.get(p as i64).norm_sqr()).sum();
+    (channel.sigma[p].powi(2) - shared).max(0.0).sqrt()
+}
+
+/// The samples without the errors that all of them share, as far as the factorisation found them.
+pub fn corrected(found: &Factorisation, samples: &Samples, systematics: &[Systematic]) -> Samples {
+    let mut samples = samples.clone();
+    for (c, channel) in found.channels.iter().enumerate() {
+        for (j, column) in samples.columns.iter_mut().enumerate() {
+            let change = combined(systematics, &channel.systematics.found, c, j, column);
+            for (value, change) in column.value[c].iter_mut().zip(change) {
+                *value -= change;
+            }
+        }
+    }
+    samples
+}
+
+/// What is still open of those errors: by how much they change the samples while the light stays as it was found.
+///
+/// The light that goes along with each error changes them too: an error that it makes up for changes nothing.
+pub fn open_systematics(
+    found: &Factorisation,
+    samples: &Samples,
+    systematics: &[Systematic],
+) -> Vec<Systematic> {
+    let responses: Vec<Vec<Vec<Complex64>>> = found
+        .channels
+        .iter()
+        .map(|channel| responses(found, channel, samples))
+        .collect();
+    (0..systematics.len())
+        .map(|k| Systematic {
+            name: format!("combination {k} of the errors of the geometry"),
+            change: found
+                .channels
+                .iter()
+                .enumerate()
+                .map(|(c, channel)| {
+                    let Some(open) = channel.systematics.open.get(k) else {
+                        let none = samples.columns.iter().map(|s| vec![0.0; s.alpha.len()]);
+                        return none.collect();
+                    };
+                    let columns = samples.columns.iter().zip(&responses[c]).enumerate();
+                    columns
+                        .map(|(j, (column, response))| {
+                            let along = Series {
+                                coefficients: response
+                                    .iter()
+                                    .zip(&open.light.coefficients)
+                                    .map(|(h, l)| h * l)
+                                    .collect(),
+                            };
+                            combined(systematics, &open.errors, c, j, column)
+                                .into_iter()
+                                .zip(&column.alpha)
+                                .map(|(change, alpha)| change + along.evaluate(*alpha))
+                                .collect()
+                        })
+                        .collect()
+                })
+                .collect(),
+        })
+        .collect()
+}
+
+/// Σ of `amounts` of the errors at the samples of column `j`.
+fn combined(
+    systematics: &[Systematic],
+    amounts: &[f64],
+    channel: usize,
+    j: usize,
+    column: &Column,
+) -> Vec<f64> {
+    let mut sum = vec![0.0; column.alpha.len()];
+    for (error, amount) in systematics.iter().zip(amounts) {
+        let change = error.change.get(channel).and_then(|c| c.get(j));
+        for (sum, change) in sum.iter_mut().zip(change.into_iter().flatten()) {
+            *sum += amount * change;
+        }
+    }
+    sum
+}
+
+/// H_p(θo′) = ∫ ρ̂(θi′, θo′) e^{ipθi′} dθi′ of the factorisation's own slice at each column of the samples; 0 for frequencies that are
+/// not determined.
+fn responses(found: &Factorisation, channel: &Channel, samples: &Samples) -> Vec<Vec<Complex64>> {
+    let nodes = found.nodes.len();
+    let step = PI / nodes.max(1) as f64;
+    let place = |column: &Column| {
+        let k = (column.local.rad() + FRAC_PI_2) / step - 0.5;
+        (k.round().max(0.0) as usize).min(nodes.saturating_sub(1))
+    };
+    samples
+        .columns
+        .par_iter()
+        .map(|column| {
+            let k = place(column);
+            let mut out = vec![Complex64::ZERO; channel.band + 1];
+            for (i, node) in found.nodes.iter().enumerate() {
+                let rho = channel.brdf.get(i * nodes + k).copied().unwrap_or(0.0);
+                let turn = Complex64::cis(node.rad());
+                let mut term = Complex64::from(rho * node.visible_cosine() * step);
+                for (h, status) in out.iter_mut().zip(&channel.status) {
+                    if *status == Status::Determined {
+                        *h += term;
+                    }
+                    term *= turn;
+                }
+            }
+            out
+        })
+        .collect()
 }
 
 /// The Fourier series up to `order` through samples on the circle by least squares; `None` if a gap between them is
@@ -278,19 +451,6 @@ fn column_series(alpha: &[f64], value: &[f64], order: usize) -> Option<Series> {
             })
             .collect(),
     })
-}
-
-/// The light's determined frequencies alone.
-pub fn determined_light(found: &Factorisation) -> Lighting {
-    let mut light = light(found);
-    for (series, channel) in light.smooth.iter_mut().zip(&found.channels) {
-        for (c, status) in series.coefficients.iter_mut().zip(&channel.status) {
-            if *status != Status::Determined {
-                *c = Complex64::ZERO;
-            }
-        }
-    }
-    light
 }
 
 /// How many σ a coefficient of the slice must have to show that the surface passes its frequency.

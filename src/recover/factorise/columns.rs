@@ -12,7 +12,7 @@ use super::half_circle::HalfCircle;
 use crate::angle::wrap;
 use crate::error::{Error, Result};
 use crate::fourier::CircleTransform;
-use crate::light_field::{Column, Samples};
+use crate::light_field::{Column, Samples, Systematic};
 
 /// The spectrum of one channel's light field along α, at every node of the half circle.
 ///
@@ -32,6 +32,8 @@ pub(super) struct Spectrum {
     pub folds: Vec<f64>,
     /// … and \[N\].
     pub folded: Vec<f64>,
+    /// What each error that all samples share does to `values` if it is one standard deviation, m × N.
+    pub changes: Vec<Mat<f64>>,
 }
 
 /// Mean square difference of a spectrum and another in the real basis.
@@ -128,8 +130,9 @@ impl Spectrum {
             .columns
             .par_iter()
             .map(|column| {
-                let (values, covariance) = fit_column(column, channel, order)?;
-                Some((column.local.rad(), values, covariance))
+                let own = column.value.get(channel)?;
+                let (mut values, covariance) = fit_column(column, channel, order, &[own])?;
+                Some((column.local.rad(), values.pop()?, covariance))
             })
             .collect();
         let fits: Vec<_> = fits.into_iter().flatten().collect();
@@ -140,34 +143,22 @@ impl Spectrum {
             ))
             .advice("Check the coverage: most of the light field was never seen."));
         }
+        let places = places(&fits.iter().map(|f| f.0).collect::<Vec<_>>(), half);
         let mut values = Mat::zeros(size, half.len());
         let mut covariance = vec![Covariance::White(f64::INFINITY); half.len()];
-        let mut seen = vec![false; half.len()];
-        for (k, &angle) in half.angles.iter().enumerate() {
-            let above = fits.partition_point(|f| f.0 < angle - 0.02 * half.step());
-            let Some(right) = fits.get(above) else {
+        let seen: Vec<bool> = places.iter().map(Option::is_some).collect();
+        for (k, place) in places.iter().enumerate() {
+            let Some([(left, near), (right, far)]) = *place else {
                 continue;
             };
-            if (right.0 - angle).abs() <= 0.02 * half.step() {
-                for (i, v) in right.1.iter().enumerate() {
-                    values[(i, k)] = *v;
-                }
-                covariance[k] = right.2.clone();
-                seen[k] = true;
-                continue;
-            }
-            let Some(left) = above.checked_sub(1).and_then(|i| fits.get(i)) else {
-                continue;
-            };
-            if right.0 - left.0 > 2.5 * half.step() {
-                continue;
-            }
-            let t = (angle - left.0) / (right.0 - left.0);
             for i in 0..size {
-                values[(i, k)] = (1.0 - t) * left.1[i] + t * right.1[i];
+                values[(i, k)] = near * fits[left].1[i] + far * fits[right].1[i];
             }
-            covariance[k] = mixed(&left.2, &right.2, t, size);
-            seen[k] = true;
+            covariance[k] = if far == 0.0 {
+                fits[left].2.clone()
+            } else {
+                mixed(&fits[left].2, &fits[right].2, far, size)
+            };
         }
         if seen.iter().filter(|s| **s).count() < 4 {
             return Err(Error::input(
@@ -181,6 +172,7 @@ impl Spectrum {
             seen,
             folds: vec![0.0; order + 1],
             folded: vec![0.0; half.len()],
+            changes: Vec::new(),
         };
         spectrum.extrapolate(half);
         Ok(spectrum)
@@ -344,6 +336,11 @@ impl Spectrum {
             seen: self.seen.clone(),
             folds: self.folds[..=order].to_vec(),
             folded: self.folded.clone(),
+            changes: self
+                .changes
+                .iter()
+                .map(|c| c.subrows(0, size).to_owned())
+                .collect(),
         }
     }
 
@@ -383,11 +380,81 @@ fn mixed(left: &Covariance, right: &Covariance, t: f64, size: usize) -> Covarian
     }
 }
 
-/// The m coefficients of one column by weighted least squares, or nothing if no sample is present.
+/// What each error of `systematics` does to the spectrum that [`Spectrum::fit`] finds, m × N each; 0 at nodes that were not
+/// seen.
+pub(super) fn changes(
+    samples: &Samples,
+    channel: usize,
+    half: &HalfCircle,
+    order: usize,
+    systematics: &[Systematic],
+) -> Vec<Mat<f64>> {
+    let size = 2 * order + 1;
+    if systematics.is_empty() {
+        return Vec::new();
+    }
+    let fits: Vec<(f64, Vec<Vec<f64>>)> = samples
+        .columns
+        .par_iter()
+        .enumerate()
+        .filter_map(|(j, column)| {
+            let missing = vec![0.0; column.alpha.len()];
+            let own = |s: &'_ Systematic| -> Vec<f64> {
+                s.change
+                    .get(channel)
+                    .and_then(|c| c.get(j))
+                    .filter(|c| c.len() == column.alpha.len())
+                    .unwrap_or(&missing)
+                    .clone()
+            };
+            let targets: Vec<Vec<f64>> = systematics.iter().map(own).collect();
+            let targets: Vec<&[f64]> = targets.iter().map(Vec::as_slice).collect();
+            let (values, _) = fit_column(column, channel, order, &targets)?;
+            Some((column.local.rad(), values))
+        })
+        .collect();
+    let places = places(&fits.iter().map(|f| f.0).collect::<Vec<_>>(), half);
+    (0..systematics.len())
+        .map(|s| {
+            Mat::from_fn(size, half.len(), |i, k| {
+                places[k].map_or(0.0, |[(left, near), (right, far)]| {
+                    near * fits[left].1[s][i] + far * fits[right].1[s][i]
+                })
+            })
+        })
+        .collect()
+}
+
+/// For each node the two of the increasing `angles` (radians) that it lies between, with their weights, or twice the one that it stands
+/// on; `None` where there are none near enough.
+fn places(angles: &[f64], half: &HalfCircle) -> Vec<Option<[(usize, f64); 2]>> {
+    let at = |angle: f64| {
+        let above = angles.partition_point(|a| *a < angle - 0.02 * half.step());
+        let right = *angles.get(above)?;
+        if (right - angle).abs() <= 0.02 * half.step() {
+            return Some([(above, 1.0), (above, 0.0)]);
+        }
+        let left = *angles.get(above.checked_sub(1)?)?;
+        if right - left > 2.5 * half.step() {
+            return None;
+        }
+        let t = (angle - left) / (right - left);
+        Some([(above - 1, 1.0 - t), (above, t)])
+    };
+    half.angles.iter().map(|&angle| at(angle)).collect()
+}
+
+/// The m coefficients of each of the `targets` (values at the column's samples) by weighted least squares, and the covariance of those of
+/// its own values; nothing if no sample is present.
 ///
 /// A prior of ten times the column's rms per coefficient keeps unseen arcs finite: it changes what was seen by
 /// less than (noise / 10 · signal)², and what was not seen comes out with a variance that says so.
-fn fit_column(column: &Column, channel: usize, order: usize) -> Option<(Vec<f64>, Covariance)> {
+fn fit_column(
+    column: &Column,
+    channel: usize,
+    order: usize,
+    targets: &[&[f64]],
+) -> Option<(Vec<Vec<f64>>, Covariance)> {
     let (value, variance) = (column.value.get(channel)?, column.variance.get(channel)?);
     let present: Vec<usize> = (0..column.alpha.len())
         .filter(|&i| variance[i].is_finite() && variance[i] > 0.0 && value[i].is_finite())
@@ -399,12 +466,16 @@ fn fit_column(column: &Column, channel: usize, order: usize) -> Option<(Vec<f64>
     let first = variance[0];
     let even = present.len() == n && variance.iter().all(|v| (v - first).abs() <= 1e-9 * first);
     if even && n > 2 * order && column.regular().is_some() {
-        let series = CircleTransform::new(n, -PI + PI / n as f64).analyse(value, order);
-        let mut values = vec![series.coefficients[0].re];
-        for c in series.coefficients.iter().skip(1) {
-            values.extend([SQRT_2 * c.re, SQRT_2 * c.im]);
-        }
-        return Some((values, Covariance::White(first / n as f64)));
+        let transform = CircleTransform::new(n, -PI + PI / n as f64);
+        let values = targets.iter().map(|target| {
+            let series = transform.analyse(target, order);
+            let mut values = vec![series.coefficients[0].re];
+            for c in series.coefficients.iter().skip(1) {
+                values.extend([SQRT_2 * c.re, SQRT_2 * c.im]);
+            }
+            values
+        });
+        return Some((values.collect(), Covariance::White(first / n as f64)));
     }
     let size = 2 * order + 1;
     let design = Mat::from_fn(present.len(), size, |row, i| {
@@ -416,8 +487,8 @@ fn fit_column(column: &Column, channel: usize, order: usize) -> Option<(Vec<f64>
         };
         basis / variance[present[row]].sqrt()
     });
-    let target = Mat::from_fn(present.len(), 1, |row, _| {
-        value[present[row]] / variance[present[row]].sqrt()
+    let target = Mat::from_fn(present.len(), targets.len(), |row, t| {
+        targets[t][present[row]] / variance[present[row]].sqrt()
     });
     let power = present.iter().map(|&i| value[i].powi(2)).sum::<f64>() / present.len() as f64;
     let noise = present.iter().map(|&i| variance[i]).sum::<f64>() / present.len() as f64;
@@ -428,6 +499,8 @@ fn fit_column(column: &Column, channel: usize, order: usize) -> Option<(Vec<f64>
     let factor = normal.llt(Side::Lower).ok()?;
     let solved = factor.solve(design.transpose() * &target);
     let covariance = factor.solve(Mat::<f64>::identity(size, size));
-    let values = (0..size).map(|i| solved[(i, 0)]).collect();
+    let values = (0..targets.len())
+        .map(|t| (0..size).map(|i| solved[(i, t)]).collect())
+        .collect();
     Some((values, Covariance::Full(covariance)))
 }

@@ -12,9 +12,9 @@ use rayon::prelude::*;
 
 use super::half_circle::HalfCircle;
 use super::pairs::{Pairs, Whitened};
+use super::refine::Refined;
 use super::sources::Sources;
 use crate::error::Result;
-use crate::fourier::Series;
 use crate::light_field::{Column, Samples};
 use crate::recover::brdf::basis::Basis;
 
@@ -34,7 +34,7 @@ impl Surface {
     ///
     /// With V an orthonormal basis of the splines at the whitened nodes, Y = V Y′ Vᵀ, and Y′ is found by the same pairs as Y,
     /// each shrunk by one prior variance for all, the mean square of those that are seen.
-    pub fn fit(whitened: &Whitened, half: &HalfCircle, lighting: &Series) -> Result<Self> {
+    pub fn fit(whitened: &Whitened, half: &HalfCircle, refined: &Refined) -> Result<Self> {
         let band = whitened.frequencies.last().copied().unwrap_or(0);
         let basis = Basis::new(band);
         let mut splines = Mat::<f64>::zeros(half.len(), basis.len());
@@ -45,7 +45,11 @@ impl Surface {
         }
         let factors = splines.qr();
         let v = factors.compute_thin_Q();
-        let pairs = Pairs::new(&whitened.within(&v), lighting)?;
+        let pairs = Pairs::new(
+            &whitened.within(&v),
+            &refined.lighting,
+            &refined.systematics,
+        )?;
         let along = pairs.along(&pairs.data);
         let n = basis.len();
         let (mut power, mut count) = (0.0, 0.0);

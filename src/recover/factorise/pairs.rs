@@ -1,7 +1,7 @@
 //! Reciprocity as independent pairs: the light field in the basis in which the symmetric unknown
 //! decouples, given a lighting.
 
-use faer::Mat;
+use faer::{Mat, Scale};
 
 use super::columns::Spectrum;
 use super::half_circle::HalfCircle;
@@ -27,6 +27,8 @@ pub(super) struct Whitened {
     pub precision: Vec<f64>,
     /// g_p^{−½} of every frequency up to the spectrum's order, \[P + 1\].
     pub weight: Vec<f64>,
+    /// What each error that all samples share does to B′ if it is one standard deviation, m × N.
+    pub changes: Vec<Mat<f64>>,
 }
 
 impl Whitened {
@@ -42,11 +44,15 @@ impl Whitened {
             .collect();
         let plain = half.exponentials(spectrum.order);
         let rows = rows_of(frequencies);
+        let whitened = |values: &Mat<f64>| {
+            Mat::from_fn(rows.len(), half.len(), |i, k| {
+                weight[rows[i].div_ceil(2)] * precision[k].sqrt() * values[(rows[i], k)]
+            })
+        };
         Self {
             frequencies: frequencies.to_vec(),
-            data: Mat::from_fn(rows.len(), half.len(), |i, k| {
-                weight[rows[i].div_ceil(2)] * precision[k].sqrt() * spectrum.values[(rows[i], k)]
-            }),
+            data: whitened(&spectrum.values),
+            changes: spectrum.changes.iter().map(whitened).collect(),
             exponentials: Mat::from_fn(rows.len(), half.len(), |i, k| {
                 weight[rows[i].div_ceil(2)] * plain[(rows[i], k)] / root[k]
             }),
@@ -61,6 +67,7 @@ impl Whitened {
         Self {
             data: &self.data * v,
             exponentials: &self.exponentials * v,
+            changes: self.changes.iter().map(|c| c * v).collect(),
             ..self.clone()
         }
     }
@@ -169,8 +176,9 @@ impl Constraint {
 }
 
 impl Pairs {
-    /// Decomposes A′ of `lighting`.
-    pub fn new(whitened: &Whitened, lighting: &Series) -> Result<Self> {
+    /// Decomposes A′ of `lighting`; the data are those without `systematics` standard deviations of the errors that all samples
+    /// share (none for those beyond its length).
+    pub fn new(whitened: &Whitened, lighting: &Series, systematics: &[f64]) -> Result<Self> {
         let a = whitened.operator(lighting);
         let svd = a.svd().map_err(|_| {
             Error::failed(
@@ -180,7 +188,11 @@ impl Pairs {
         let mut s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
         s.resize(a.nrows().max(a.ncols()), 0.0);
         let (q, u) = (svd.U().to_owned(), svd.V().to_owned());
-        let data = q.transpose() * &whitened.data * &u;
+        let mut data = whitened.data.clone();
+        for (change, f) in whitened.changes.iter().zip(systematics) {
+            data -= change * Scale(*f);
+        }
+        let data = q.transpose() * data * &u;
         let mut pairs = Self {
             q,
             s,
@@ -264,13 +276,13 @@ impl Pairs {
         (across.iter().map(|r| r * r).sum(), across.len())
     }
 
-    /// Derivative of every constraint by Re L_p, Im L_p of every frequency but L_0, which is held:
-    /// constraints × (m − 1).
+    /// Derivative of every constraint by Re L_p, Im L_p of every frequency but L_0, which is held, and by the errors that
+    /// all samples share: constraints × (m − 1 + errors).
     pub fn jacobian(&self, whitened: &Whitened, unknown: &Mat<f64>) -> Mat<f64> {
         // H′ = E D^{−½} Y in the basis U on the right: what a unit of L_p adds to row p of B′.
         let response = &whitened.exponentials * &self.u * unknown;
         let m = self.rows();
-        let mut jacobian = Mat::zeros(self.constraints.len(), m - 1);
+        let mut jacobian = Mat::zeros(self.constraints.len(), m - 1 + whitened.changes.len());
         for column in 0..m - 1 {
             let (re, im) = (2 * (column / 2) + 1, 2 * (column / 2) + 2);
             // i · (x + iy) = −y + ix.
@@ -287,6 +299,12 @@ impl Pairs {
             let change = |a: usize, b: usize| sign * q_re[a] * h_first[b] + q_im[a] * h_second[b];
             for (row, constraint) in self.constraints.iter().enumerate() {
                 jacobian[(row, column)] = constraint.of(change);
+            }
+        }
+        for (s, change) in whitened.changes.iter().enumerate() {
+            let entries = self.q.transpose() * change * &self.u;
+            for (row, constraint) in self.constraints.iter().enumerate() {
+                jacobian[(row, m - 1 + s)] = constraint.of(|a, b| entries[(a, b)]);
             }
         }
         jacobian

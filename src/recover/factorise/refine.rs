@@ -20,11 +20,13 @@ const SLACK: f64 = 0.5;
 pub(super) struct Refined {
     /// L, with L_0 as in the start.
     pub lighting: Series,
+    /// The errors that all samples share, in standard deviations.
+    pub systematics: Vec<f64>,
     /// The problem at that lighting.
     pub pairs: Pairs,
     /// The reciprocal transfer function in the problem's basis, given that lighting.
     pub posterior: Posterior,
-    /// Derivative of the constraints by (Re L_1, Im L_1, …).
+    /// Derivative of the constraints by (Re L_1, Im L_1, …) and by the errors that all samples share.
     pub jacobian: Mat<f64>,
     /// Steps taken.
     pub steps: usize,
@@ -38,17 +40,34 @@ pub(super) fn prior_information(lighting: &Series) -> f64 {
     2.0 / lighting.get(0).norm_sqr().max(f64::MIN_POSITIVE)
 }
 
-/// The problem at `lighting`, without a step.
-pub(super) fn held(whitened: &Whitened, lighting: &Series) -> Result<Refined> {
-    let pairs = Pairs::new(whitened, lighting)?;
-    Ok(evaluated(whitened, lighting.clone(), pairs))
+/// The prior's information on each parameter of `refined`: that on L, and a standard deviation of 1 for the errors that all samples
+/// share.
+pub(super) fn prior(refined: &Refined) -> Vec<f64> {
+    let shared = refined.systematics.len();
+    let light = refined.jacobian.ncols() - shared;
+    let mut prior = vec![prior_information(&refined.lighting); light];
+    prior.resize(light + shared, 1.0);
+    prior
 }
 
-fn evaluated(whitened: &Whitened, lighting: Series, pairs: Pairs) -> Refined {
+/// The problem at `lighting`, without a step.
+pub(super) fn held(whitened: &Whitened, lighting: &Series) -> Result<Refined> {
+    let systematics = vec![0.0; whitened.changes.len()];
+    let pairs = Pairs::new(whitened, lighting, &systematics)?;
+    Ok(evaluated(whitened, lighting.clone(), systematics, pairs))
+}
+
+fn evaluated(
+    whitened: &Whitened,
+    lighting: Series,
+    systematics: Vec<f64>,
+    pairs: Pairs,
+) -> Refined {
     let posterior = Posterior::new(&pairs);
     let jacobian = pairs.jacobian(whitened, &posterior.mean);
     Refined {
         lighting,
+        systematics,
         pairs,
         posterior,
         jacobian,
@@ -57,38 +76,36 @@ fn evaluated(whitened: &Whitened, lighting: Series, pairs: Pairs) -> Refined {
     }
 }
 
-/// Iterates L ← L + (JᵀJ + prior + damping)⁻¹ (Jᵀ r − prior · L) from `start` until steps are far below σ.
+/// Iterates x ← x + (JᵀJ + prior + damping)⁻¹ (Jᵀ r − prior · x) from `start` until steps are far below σ; x is L and the errors that
+/// all samples share.
 ///
-/// A step that raises Σ y⊥² + prior · |L|² by more than `SLACK` is repeated with more damping. (The efficient score is not
+/// A step that raises Σ y⊥² + prior · x² by more than `SLACK` is repeated with more damping. (The efficient score is not
 /// quite that function's gradient, so a rise far below its scatter is let pass.)
 pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
-    let prior = prior_information(start);
-    let cost = |pairs: &Pairs, lighting: &Series| {
-        let light: f64 = lighting
-            .coefficients
-            .iter()
-            .skip(1)
-            .map(|c| c.norm_sqr())
-            .sum();
-        pairs.misfit().0 + prior * light
+    let information_of_light = prior_information(start);
+    let cost = |pairs: &Pairs, lighting: &Series, systematics: &[f64]| {
+        let light = lighting.coefficients.iter().skip(1);
+        let light: f64 = light.map(|c| c.norm_sqr()).sum();
+        let shared: f64 = systematics.iter().map(|f| f * f).sum();
+        pairs.misfit().0 + information_of_light * light + shared
     };
     let mut at = held(whitened, start)?;
-    let mut reached = cost(&at.pairs, &at.lighting);
+    let prior = prior(&at);
+    let mut reached = cost(&at.pairs, &at.lighting, &at.systematics);
     let mut damping = 0.0;
     while at.steps < MOST_STEPS {
-        let m = at.pairs.rows();
         let residuals = at.pairs.across();
         let across = Mat::from_fn(residuals.len(), 1, |i, _| residuals[i]);
         let mut information = at.jacobian.transpose() * &at.jacobian;
         let mut score = at.jacobian.transpose() * &across;
-        for i in 0..m - 1 {
+        for (i, &prior) in prior.iter().enumerate() {
             information[(i, i)] += prior;
-            score[(i, 0)] -= prior * part(&at.lighting, &whitened.frequencies, i);
+            score[(i, 0)] -= prior * at.parameter(&whitened.frequencies, i);
         }
         let mut next = None;
         for _ in 0..6 {
             let mut damped = information.clone();
-            for i in 0..m - 1 {
+            for i in 0..prior.len() {
                 damped[(i, i)] *= 1.0 + damping;
             }
             let step = damped
@@ -102,15 +119,22 @@ pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
             // The step in units of σ.
             let size = (step.transpose() * &score)[(0, 0)].max(0.0).sqrt();
             let lighting = moved(&at.lighting, &whitened.frequencies, &step);
-            let pairs = Pairs::new(whitened, &lighting)?;
-            let found = cost(&pairs, &lighting);
+            let light = prior.len() - at.systematics.len();
+            let systematics: Vec<f64> = at
+                .systematics
+                .iter()
+                .enumerate()
+                .map(|(s, f)| f + step[(light + s, 0)])
+                .collect();
+            let pairs = Pairs::new(whitened, &lighting, &systematics)?;
+            let found = cost(&pairs, &lighting, &systematics);
             if found <= reached + SLACK {
-                next = Some((lighting, pairs, found, size));
+                next = Some((lighting, systematics, pairs, found, size));
                 break;
             }
             damping = f64::max(10.0 * damping, 0.01);
         }
-        let Some((lighting, pairs, found, size)) = next else {
+        let Some((lighting, systematics, pairs, found, size)) = next else {
             // No step downhill is left: the weakly determined frequencies are where they can be.
             at.converged = damping < 1.0;
             break;
@@ -119,7 +143,7 @@ pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
         at = Refined {
             steps: at.steps + 1,
             converged: size < SETTLED && damping < 0.1,
-            ..evaluated(whitened, lighting, pairs)
+            ..evaluated(whitened, lighting, systematics, pairs)
         };
         if at.converged {
             break;
@@ -129,12 +153,20 @@ pub(super) fn refine(whitened: &Whitened, start: &Series) -> Result<Refined> {
     Ok(at)
 }
 
-/// Parameter `i` of (Re L_p, Im L_p, …) over the frequencies but the first.
-pub(super) fn part(lighting: &Series, frequencies: &[usize], i: usize) -> f64 {
-    let c = frequencies
-        .get(i / 2 + 1)
-        .map_or(num_complex::Complex64::ZERO, |&p| lighting.get(p as i64));
-    if i.is_multiple_of(2) { c.re } else { c.im }
+impl Refined {
+    /// Parameter `i` of (Re L_p, Im L_p, …) over the frequencies but the first, then the errors that all samples share.
+    fn parameter(&self, frequencies: &[usize], i: usize) -> f64 {
+        let light = 2 * frequencies.len().saturating_sub(1);
+        if i >= light {
+            return self.systematics.get(i - light).copied().unwrap_or(0.0);
+        }
+        let c = frequencies
+            .get(i / 2 + 1)
+            .map_or(num_complex::Complex64::ZERO, |&p| {
+                self.lighting.get(p as i64)
+            });
+        if i.is_multiple_of(2) { c.re } else { c.im }
+    }
 }
 
 fn moved(lighting: &Series, frequencies: &[usize], step: &Mat<f64>) -> Series {

@@ -6,7 +6,7 @@ use faer::{Mat, Side};
 use super::columns::{Covariance, Spectrum};
 use super::half_circle::HalfCircle;
 use super::pairs::{Pairs, Whitened, rows_of};
-use super::refine::{Refined, prior_information};
+use super::refine::{Refined, prior};
 use crate::error::{Error, Result};
 use crate::fourier::Series;
 
@@ -42,7 +42,9 @@ fn noise_information(refined: &Refined, whitened: &Whitened) -> Mat<f64> {
             [(re, im, -1.0), (im, re, 1.0)]
         }
     };
-    let mut noise = Mat::<f64>::zeros(m - 1, m - 1);
+    // The errors that all samples share have exact derivatives.
+    let size = refined.jacobian.ncols();
+    let mut noise = Mat::<f64>::zeros(size, size);
     for b in 0..m.min(n) {
         let response = Mat::from_fn(m, n, |i, c| in_basis[(i, c)] * scatter[(c, b)].sqrt());
         let covariance = &response * response.transpose();
@@ -70,62 +72,125 @@ fn noise_information(refined: &Refined, whitened: &Whitened) -> Mat<f64> {
     noise
 }
 
-/// Covariance of (Re L_p, Im L_p, …) without L_0: that of the fit with its prior, and where the columns' noise is
-/// not white, the real noise carried through the estimator's linear map.
-///
-/// The score Ĵᵀ y⊥ has variance ĴᵀĴ, but its slope is Ĵᵀ J = ĴᵀĴ − N, since the noise in Ĵ finds no echo in y⊥. In
-/// the principal directions of the two, of reliability r = slope / variance, the information is r² of what ĴᵀĴ claims.
-pub(super) fn covariance(
+/// Part of the prior that keeps the score's variance positive where the data say nothing.
+const FLOOR: f64 = 1e-3;
+
+/// How well the estimator knows what it found.
+pub(super) struct Linearised {
+    /// Covariance of (Re L_p, Im L_p, …) without L_0, and of the errors that all samples share.
+    joint: Mat<f64>,
+    /// How many of its rows are the light's.
+    light: usize,
+}
+
+impl Linearised {
+    /// The covariance is that of the fit with its prior, and where the columns' noise is not white, the real noise carried
+    /// through the estimator's linear map.
+    ///
+    /// The score Ĵᵀ y⊥ has variance ĴᵀĴ, but its slope is Ĵᵀ J = ĴᵀĴ − N, since the noise in Ĵ finds no echo in y⊥. In
+    /// the principal directions of the two, of reliability r = slope / variance, the information is r² of what ĴᵀĴ claims.
+    pub fn new(refined: &Refined, whitened: &Whitened, spectrum: &Spectrum) -> Result<Self> {
+        let fault =
+            || Error::failed("the information matrix of the lighting could not be decomposed");
+        let prior = prior(refined);
+        let mut variance = refined.jacobian.transpose() * &refined.jacobian;
+        let size = variance.nrows();
+        for (i, prior) in prior.iter().enumerate() {
+            variance[(i, i)] += FLOOR * prior;
+        }
+        let slope = &variance - noise_information(refined, whitened);
+        let factor = variance.llt(Side::Lower).map_err(|_| fault())?;
+        let root = factor.L().to_owned();
+        let mut half_way = slope;
+        root.solve_lower_triangular_in_place(&mut half_way);
+        let mut ratio = half_way.transpose().to_owned();
+        root.solve_lower_triangular_in_place(&mut ratio);
+        let eigen = ratio.self_adjoint_eigen(Side::Lower).map_err(|_| fault())?;
+        let reliability: Vec<f64> = eigen
+            .S()
+            .column_vector()
+            .iter()
+            .map(|r| r.clamp(0.0, 1.0))
+            .collect();
+        let frame = &root * eigen.U();
+        let trusted = Mat::from_fn(size, size, |i, d| frame[(i, d)] * reliability[d]);
+        let information = &trusted * trusted.transpose();
+        let mut regular = information;
+        for (i, prior) in prior.iter().enumerate() {
+            regular[(i, i)] += prior;
+        }
+        let inverse = regular
+            .llt(Side::Lower)
+            .map_err(|_| fault())?
+            .solve(Mat::<f64>::identity(size, size));
+        let white = spectrum
+            .covariance
+            .iter()
+            .all(|c| matches!(c, Covariance::White(_)))
+            && spectrum.folded.iter().all(|f| *f == 0.0);
+        let joint = if white {
+            inverse
+        } else {
+            // The score's trusted part: L V r Vᵀ L⁻¹ Ĵᵀ.
+            let mut score = refined.jacobian.transpose().to_owned();
+            root.solve_lower_triangular_in_place(&mut score);
+            let map = &inverse * (&trusted * (eigen.U().transpose() * score));
+            // What the prior leaves open is not in the noise.
+            let left = Mat::from_fn(size, size, |i, j| inverse[(i, j)] * prior[j].sqrt());
+            &left * left.transpose() + carried(&map, refined, whitened, spectrum)
+        };
+        Ok(Self {
+            joint,
+            light: size - refined.systematics.len(),
+        })
+    }
+
+    /// Covariance of (Re L_p, Im L_p, …) without L_0.
+    pub fn covariance(&self) -> Mat<f64> {
+        self.joint
+            .submatrix(0, 0, self.light, self.light)
+            .to_owned()
+    }
+
+    /// What is still open of the errors that all samples share: independent combinations of them, each one standard deviation
+    /// long, and what each does to (Re L_p, Im L_p, …).
+    pub fn open_systematics(&self) -> Vec<(Vec<f64>, Vec<f64>)> {
+        let count = self.joint.nrows() - self.light;
+        if count == 0 {
+            return Vec::new();
+        }
+        let own = self
+            .joint
+            .submatrix(self.light, self.light, count, count)
+            .to_owned();
+        let cross = self.joint.submatrix(0, self.light, self.light, count);
+        let Ok(eigen) = own.self_adjoint_eigen(Side::Lower) else {
+            return Vec::new();
+        };
+        (0..count)
+            .filter_map(|d| {
+                let sigma = eigen.S().column_vector()[d].max(0.0).sqrt();
+                let direction = eigen.U().col(d);
+                let with = cross * direction;
+                (sigma > 0.0).then(|| {
+                    (
+                        direction.iter().map(|u| u * sigma).collect(),
+                        with.iter().map(|c| c / sigma).collect(),
+                    )
+                })
+            })
+            .collect()
+    }
+}
+
+/// The columns' real noise through δx = `map` · y⊥.
+fn carried(
+    map: &Mat<f64>,
     refined: &Refined,
     whitened: &Whitened,
     spectrum: &Spectrum,
-) -> Result<Mat<f64>> {
-    let fault = || Error::failed("the information matrix of the lighting could not be decomposed");
-    let prior = prior_information(&refined.lighting);
-    let mut variance = refined.jacobian.transpose() * &refined.jacobian;
-    let size = variance.nrows();
-    for i in 0..size {
-        variance[(i, i)] += prior;
-    }
-    let slope = &variance - noise_information(refined, whitened);
-    let factor = variance.llt(Side::Lower).map_err(|_| fault())?;
-    let root = factor.L().to_owned();
-    let mut half_way = slope;
-    root.solve_lower_triangular_in_place(&mut half_way);
-    let mut ratio = half_way.transpose().to_owned();
-    root.solve_lower_triangular_in_place(&mut ratio);
-    let eigen = ratio.self_adjoint_eigen(Side::Lower).map_err(|_| fault())?;
-    let reliability: Vec<f64> = eigen
-        .S()
-        .column_vector()
-        .iter()
-        .map(|r| r.clamp(0.0, 1.0))
-        .collect();
-    let frame = &root * eigen.U();
-    let trusted = Mat::from_fn(size, size, |i, d| frame[(i, d)] * reliability[d]);
-    let information = &trusted * trusted.transpose();
-    let mut regular = information;
-    for i in 0..size {
-        regular[(i, i)] += prior;
-    }
-    let inverse = regular
-        .llt(Side::Lower)
-        .map_err(|_| fault())?
-        .solve(Mat::<f64>::identity(size, size));
-    let white = spectrum
-        .covariance
-        .iter()
-        .all(|c| matches!(c, Covariance::White(_)))
-        && spectrum.folded.iter().all(|f| *f == 0.0);
-    if white {
-        return Ok(inverse);
-    }
-    // The score's trusted part: L V r Vᵀ L⁻¹ Ĵᵀ.
-    let mut score = refined.jacobian.transpose().to_owned();
-    root.solve_lower_triangular_in_place(&mut score);
-    let score = &trusted * (eigen.U().transpose() * score);
-    // δ = W r, r linear in B′: its influence on column k of B, then Σ_k (influence) C_k (influence)ᵀ.
-    let map = &inverse * score;
+) -> Mat<f64> {
+    // y⊥ is linear in B′: the influence of column k of B, then Σ_k (influence) C_k (influence)ᵀ.
     let pairs = &refined.pairs;
     let (m, n) = (pairs.rows(), pairs.nodes());
     let influence: Vec<Mat<f64>> = (0..map.nrows())
@@ -142,8 +207,7 @@ pub(super) fn covariance(
         })
         .collect();
     let rows = rows_of(&whitened.frequencies);
-    // What the prior leaves open is not in the noise.
-    let mut total = &inverse * &inverse * faer::Scale(prior);
+    let mut total = Mat::<f64>::zeros(map.nrows(), map.nrows());
     for (k, noise) in spectrum.covariance.iter().enumerate() {
         let columns = Mat::from_fn(m, influence.len(), |i, parameter| {
             let weight = whitened.weight[rows[i].div_ceil(2)];
@@ -164,7 +228,7 @@ pub(super) fn covariance(
         });
         total += columns.transpose() * c * &columns;
     }
-    Ok(total)
+    total
 }
 
 /// Covariance bound of (Re L_p, Im L_p, …) for L_0 known: the Cramér–Rao bound of the unregularised problem with
@@ -179,7 +243,7 @@ pub(super) fn bound(
     frequencies: &[usize],
 ) -> Result<Mat<f64>> {
     let whitened = Whitened::new(clean, half, frequencies);
-    let pairs = Pairs::new(&whitened, truth)?;
+    let pairs = Pairs::new(&whitened, truth, &[])?;
     let along = pairs.along(&pairs.data);
     let floor = 1e-12 * pairs.s[0];
     let unknown = Mat::from_fn(along.nrows(), along.ncols(), |a, b| {

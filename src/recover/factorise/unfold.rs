@@ -1,0 +1,82 @@
+//! The factorisation again, without what unresolved frequencies of sources fold onto those that are fitted.
+
+use super::Options;
+use super::columns::{self, Spectrum};
+use super::folded::{self, Surface};
+use super::half_circle::HalfCircle;
+use super::pairs::{Pairs, Whitened};
+use super::settle::{Settled, settle};
+use super::sources::Sources;
+use super::uncertainty::Linearised;
+use crate::error::Result;
+use crate::light_field::Samples;
+
+/// Most rounds of taking folded frequencies from the samples.
+const UNFOLDINGS: usize = 3;
+/// Share of the folded amplitude that is always taken to be left.
+const LEFT: f64 = 0.1;
+/// Change of what is folded, relative to it, at which no further round is needed.
+const UNFOLDED: f64 = 0.02;
+
+/// The factorisation again, without what unresolved frequencies of the sources in it fold onto the others.
+///
+/// What is left of them is a share of what was there: at least [`LEFT`], and as much as brings the misfit down to 1. A
+/// round counts if it lowers the misfit in units of the noise alone.
+pub(super) fn unfold(
+    samples: &Samples,
+    channel: usize,
+    half: &HalfCircle,
+    options: &Options,
+    folded: &Spectrum,
+    first: Settled,
+) -> Result<Settled> {
+    let order = folded.order;
+    let resolved = columns::resolved_order(samples, channel);
+    let mut left = LEFT * LEFT;
+    let mut before: Option<Sources> = None;
+    let mut best = first;
+    let mut least = noise_misfit(&best, half)?;
+    for _ in 0..UNFOLDINGS {
+        let covariance =
+            Linearised::new(&best.refined, &best.whitened, &best.spectrum)?.covariance();
+        let Some(sources) = Sources::find(&best.refined.lighting, &best.frequencies, &covariance)
+        else {
+            break;
+        };
+        if before.is_some_and(|b| b.change(&sources, 2 * resolved) < UNFOLDED) {
+            break;
+        }
+        let surface = Surface::fit(&best.whitened, half, &best.refined)?;
+        let without = folded::without(samples, channel, &surface, &sources, resolved, order);
+        let mut spectrum = Spectrum::fit(&without, 0, half, resolved)?.truncated(order);
+        spectrum.changes.clone_from(&folded.changes);
+        spectrum.folds.clone_from(&folded.folds);
+        spectrum.folded = folded.folded.iter().map(|f| left * f).collect();
+        let mut next = settle(&spectrum, half, options, Some(&best.refined.lighting))?;
+        next.sources = Some(sources.clone());
+        let misfit = noise_misfit(&next, half)?;
+        if misfit >= least {
+            break;
+        }
+        let (sum, count) = next.refined.pairs.misfit();
+        left = (left * sum / count.max(1) as f64).clamp(LEFT * LEFT, 1.0);
+        before = Some(sources);
+        best = next;
+        least = misfit;
+    }
+    Ok(best)
+}
+
+/// Mean square of the constraints in units of the noise alone.
+fn noise_misfit(settled: &Settled, half: &HalfCircle) -> Result<f64> {
+    let mut spectrum = settled.spectrum.clone();
+    spectrum.folded.fill(0.0);
+    let whitened = Whitened::new(&spectrum, half, &settled.frequencies);
+    let (sum, count) = Pairs::new(
+        &whitened,
+        &settled.refined.lighting,
+        &settled.refined.systematics,
+    )?
+    .misfit();
+    Ok(sum / count.max(1) as f64)
+}
