@@ -9,10 +9,6 @@ use serde::{Deserialize, Serialize};
 
 /// An angle brought into [−π, π).
 pub fn wrap(radians: f64) -> f64 {
-    // Nearly all angles are there already, and the remainder costs ten times the rest.
-    if (-PI..PI).contains(&radians) {
-        return radians;
-    }
     let turned = (radians + PI).rem_euclid(TAU) - PI;
     // `rem_euclid` may round up to a full turn for tiny negative arguments.
     if turned >= PI { -PI } else { turned }

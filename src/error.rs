@@ -1,10 +1,14 @@
 //! One error for the whole crate: what was expected, what came, where, and what to do.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Shorthand for results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Faults that one message shows; the rest are counted.
+const MOST_SHOWN: usize = 50;
 
 /// Whose fault it is, which decides the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,6 +91,13 @@ impl Error {
         self
     }
 
+    /// Gives another index of the view than the one that stands there.
+    #[must_use]
+    pub fn renumbered(mut self, view: usize) -> Self {
+        self.0.view = Some(view);
+        self
+    }
+
     /// Adds the key of a TOML file or the column of a table.
     #[must_use]
     pub fn key(mut self, key: impl Into<String>) -> Self {
@@ -106,6 +117,41 @@ impl Error {
     pub fn advice(mut self, advice: impl Into<String>) -> Self {
         self.0.advice.get_or_insert(advice.into());
         self
+    }
+
+    /// Adds a sentence after the advice, if there is any.
+    #[must_use]
+    pub fn note(mut self, note: impl Into<String>) -> Self {
+        let note = note.into();
+        self.0.advice = Some(match self.0.advice.take() {
+            Some(advice) => format!("{advice}\n  {note}"),
+            None => note,
+        });
+        self
+    }
+
+    /// Whether another error says the same of another view or file.
+    pub fn same_fault(&self, other: &Self) -> bool {
+        let (a, b) = (&self.0, &other.0);
+        (a.kind, &a.what, &a.key) == (b.kind, &b.what, &b.key)
+    }
+
+    /// Changes this error and each that is reported with it.
+    pub(crate) fn map_each(mut self, change: &dyn Fn(Self) -> Self) -> Self {
+        let also = std::mem::take(&mut self.0.also);
+        let mut changed = change(self);
+        changed.0.also = also.into_iter().map(change).collect();
+        changed
+    }
+
+    /// Takes the advice out.
+    pub(crate) fn take_advice(&mut self) -> Option<String> {
+        self.0.advice.take()
+    }
+
+    /// The key it is about.
+    pub fn about(&self) -> Option<&str> {
+        self.0.key.as_deref()
     }
 
     /// Whose fault it is.
@@ -139,11 +185,13 @@ impl Error {
             place.push(key.clone());
         }
         if !place.is_empty() {
-            write!(f, "{}: ", place.join(", "))?;
+            // A name with a line break in it must not look like a second message.
+            let place = place.join(", ").replace('\n', "\\n");
+            write!(f, "{}: ", printable(&place))?;
         }
-        write!(f, "{}", inner.what)?;
+        write!(f, "{}", printable(&inner.what))?;
         if let Some(advice) = &inner.advice {
-            write!(f, "\n  {advice}")?;
+            write!(f, "\n  {}", printable(advice))?;
         }
         Ok(())
     }
@@ -152,15 +200,39 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.write_one(f)?;
-        for other in &self.0.also {
+        for other in self.0.also.iter().take(MOST_SHOWN - 1) {
             f.write_str("\n")?;
             other.write_one(f)?;
         }
-        Ok(())
+        match self.0.also.len().saturating_sub(MOST_SHOWN - 1) {
+            0 => Ok(()),
+            more => write!(f, "\n… and {more} more faults"),
+        }
     }
 }
 
 impl std::error::Error for Error {}
+
+/// The text with everything escaped that would move a terminal's cursor, colour it or turn the order of its letters;
+/// line breaks stay. Names and values of files are other people's.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let hidden = |c: char| {
+        (c.is_control() && c != '\n')
+            || matches!(c, '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
+    };
+    if !text.contains(hidden) {
+        return text.into();
+    }
+    let mut plain = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        if hidden(c) {
+            plain.extend(c.escape_unicode());
+        } else {
+            plain.push(c);
+        }
+    }
+    plain.into()
+}
 
 /// The candidate nearest to `word`, if it is near enough to have been meant.
 pub fn nearest<'a>(word: &str, candidates: &[&'a str]) -> Option<&'a str> {
@@ -202,6 +274,23 @@ mod tests {
             "capture.toml, object.radius: expected a length above 0, found -3\n  Give the radius in metres."
         );
         assert_eq!(error.exit_code(), 2);
+    }
+
+    #[test]
+    fn names_cannot_act_on_a_terminal_or_forge_a_message() {
+        let error = Error::input("found \"\u{1b}[31mred\u{202e}\"").file("a\nerror: b\r.png");
+        assert_eq!(
+            error.to_string(),
+            "a\\nerror: b\\u{d}.png: found \"\\u{1b}[31mred\\u{202e}\""
+        );
+    }
+
+    #[test]
+    fn a_thousand_faults_are_not_a_thousand_lines() {
+        let all = Error::all((0..1000).map(|_| Error::input("wrong")).collect());
+        let message = all.expect("faults").to_string();
+        assert_eq!(message.lines().count(), MOST_SHOWN + 1);
+        assert!(message.ends_with("… and 950 more faults"), "{message}");
     }
 
     #[test]

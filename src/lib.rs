@@ -100,6 +100,7 @@ pub mod capture;
 pub mod compare;
 pub mod error;
 pub mod export;
+pub mod files;
 pub mod fourier;
 pub mod geometry;
 pub mod grid;

@@ -324,13 +324,18 @@ fn mistakes_in_a_capture_are_told_with_file_and_view() {
     let other = set("phong8-smooth").join("views/003.exr");
     std::fs::copy(other, &photo).expect("copies");
     let words = ["003.exr", "view 3", "512 x 24", "540 x 25"];
-    refused(run_command(&recipe, copy.path(), &out, &[]), &out, &words);
+    let strict = &["--strict"];
+    refused(
+        run_command(&recipe, copy.path(), &out, strict),
+        &out,
+        &words,
+    );
 
     let bytes = std::fs::read(set(SET).join("views/003.exr")).expect("reads");
     for length in [0, 100, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&photo, &bytes[..length]).expect("writes");
         refused(
-            run_command(&recipe, copy.path(), &out, &[]),
+            run_command(&recipe, copy.path(), &out, strict),
             &out,
             &["003.exr", "view 3"],
         );
@@ -375,11 +380,11 @@ fn warnings_are_failures_if_asked_for() {
     );
 }
 
-/// A place that cannot be written to is the work's failure, told with its name.
+/// A place that cannot be written to is a wrong request, told with its name before any work.
 #[test]
-fn an_unwritable_place_is_a_failure() {
+fn an_unwritable_place_is_refused() {
     let out = Path::new("/proc/flatlight-cannot-write-here");
-    let assert = run_set(out, &[]).code(1);
+    let assert = run_set(out, &[]).code(2);
     assert!(stderr(&assert).contains("/proc/"), "{}", stderr(&assert));
 }
 

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of the library from what everything stands on to what nothing stands on.
-const ORDER: [&str; 21] = [
+const ORDER: [&str; 22] = [
     "error",
+    "files",
     "angle",
     "grid",
     "fourier",

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{Brdf, Family, Material, SliceTable, directional_albedo};
+use crate::angle::LocalAngle;
 use crate::error::nearest;
 use crate::{Error, Result};
 
@@ -23,6 +24,19 @@ pub enum Model {
     },
     /// A table in a file, absolute or relative to the recipe.
     Table(PathBuf),
+}
+
+/// Mean reflection over some pairs of directions, the mirror's among them: its sign is what matters.
+fn reflected(brdf: &dyn Brdf) -> f64 {
+    let mut sum = 0.0;
+    for exitant in [-60.0, -30.0, 0.0, 30.0, 60.0].map(LocalAngle::degrees) {
+        sum += brdf.mirror(exitant) + brdf.value(LocalAngle::radians(-exitant.rad()), exitant);
+        for k in 0..90 {
+            let incident = LocalAngle::degrees(2.0 * f64::from(k) - 89.0);
+            sum += brdf.value(incident, exitant) * incident.visible_cosine() / 90.0;
+        }
+    }
+    sum
 }
 
 impl Model {
@@ -67,7 +81,9 @@ impl Model {
                 } else {
                     format!("a value of at least {}", p.low)
                 };
-                return Err(Error::input(format!("expected {range}, found {bad}")).key(key(p.name)));
+                return Err(
+                    Error::input(format!("expected {range}, found {bad:?}")).key(key(p.name))
+                );
             }
             values.push(given);
         }
@@ -145,6 +161,23 @@ impl Model {
                     .collect::<Result<_>>()?
             }
         };
+        for (name, brdf) in channels.iter().zip(&brdfs) {
+            let reflected = reflected(brdf.as_ref());
+            if !(reflected > 0.0) {
+                let found = if reflected < 0.0 {
+                    "its mean is negative"
+                } else {
+                    "it reflects no light"
+                };
+                let error = Error::input(format!(
+                    "expected a material that reflects light, and in channel {name} {found}"
+                ));
+                return Err(match self {
+                    Self::Table(path) => error.file(folder.join(path)),
+                    Self::Analytic { .. } => error.key("brdf"),
+                });
+            }
+        }
         Ok(Material {
             channels: channels.to_vec(),
             brdfs,

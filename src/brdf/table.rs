@@ -3,12 +3,12 @@
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
 
 use super::{Brdf, MeasuredSlice};
 use crate::angle::LocalAngle;
 use crate::error::nearest;
+use crate::files;
 use crate::{Error, Result};
 
 /// Cells a table may have: 2000 × 2000, finer than any capture.
@@ -108,7 +108,7 @@ impl SliceTable {
     /// # Errors
     /// If the file cannot be read or is not such a table, with the line.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let text = files::text(path)?;
         Self::parse(&text).map_err(|e| e.file(path))
     }
 
@@ -211,12 +211,7 @@ impl SliceTable {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let attempt = || -> std::io::Result<()> {
-            let mut file = atomic_write_file::AtomicWriteFile::open(path)?;
-            file.write_all(self.to_csv().as_bytes())?;
-            file.commit()
-        };
-        attempt().map_err(|e| Error::write(path, e))
+        files::write_whole(path, self.to_csv().as_bytes())
     }
 
     /// The interpolated BRDF of the channel of this name. A table with one channel serves any name.

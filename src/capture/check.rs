@@ -30,6 +30,14 @@ const TIME_DIFFERENCE: f64 = 0.1;
 const MOST_WIDE: f64 = 1.3;
 const LEAST_WIDE: f64 = 0.05;
 
+/// The width of an object (pixels) below which its description cannot be meant.
+const LEAST_PIXELS: f64 = 4.0;
+
+/// How far a limb may lie out of the picture by the description, whose lengths are rough: pixels, and part of the
+/// object's width.
+const CUT_PX: f64 = 2.0;
+const CUT_SHARE: f64 = 0.03;
+
 /// Looks at the headers of all photos, masks and frames of a capture set that was read, and at the
 /// set as a whole. No pixels are decoded.
 pub fn check(capture: &Capture) -> Findings {
@@ -114,7 +122,9 @@ pub fn check(capture: &Capture) -> Findings {
             ));
         }
     }
-    findings.warnings.extend(scale(capture));
+    let (doubts, fault) = framing(capture);
+    findings.warnings.extend(doubts);
+    findings.faults.extend(fault);
     findings.warnings.extend(gaps(capture));
     findings.warnings.extend(coverage(capture));
     findings
@@ -192,39 +202,100 @@ fn wrong_size([width, height]: [u32; 2], found: [u32; 2], file: &Path) -> Error 
     }
 }
 
-/// How large the object is in the photos, by the description alone.
-fn scale(capture: &Capture) -> Vec<String> {
+/// Where the object is in the photos, by the description alone: what is doubtful about its size, and whether it is cut by
+/// the frame at a side or too small to be measured, which no photo can make good. An outline given by hand is believed.
+pub fn framing(capture: &Capture) -> (Vec<String>, Option<Error>) {
     let (object, camera) = (&capture.object, &capture.camera);
     let width = f64::from(camera.image_size[0]);
-    let sine = (object.radius / camera.distance).clamp(0.0, 0.999);
-    let across = 2.0
-        * match camera.projection {
-            super::Projection::Perspective { focal_px } => focal_px * sine.asin().tan(),
-            super::Projection::Orthographic { metres_per_px } => object.radius / metres_per_px,
-        };
+    let sine = (object.radius / camera.distance).clamp(0.0, 0.999_999);
+    // Half the width on the image of a camera of focal length 1, and pixels to that unit.
+    let (half, scale) = match camera.projection {
+        super::Projection::Perspective { focal_px } => (sine.asin().tan(), focal_px),
+        super::Projection::Orthographic { metres_per_px } => (object.radius, 1.0 / metres_per_px),
+    };
+    let across = 2.0 * half * scale;
     let stated = format!(
-        "radius {} m, distance {} m and the focal length make the object {across:.0} pixels wide in photos of {width:.0}",
-        object.radius, camera.distance
+        "radius {} m, distance {} m and the focal length make the object {} pixels wide in photos of {width:.0}",
+        object.radius,
+        camera.distance,
+        pixels(across)
     );
-    if across > MOST_WIDE * width {
-        let hint = if across / 2.0 < width {
-            "; is focal_px that of a picture of twice the size?"
+    let hint = if across > width {
+        if across > 100.0 * width {
+            "check focal_px, radius and distance"
+        } else if across / 2.0 < width {
+            "is focal_px that of a picture of twice the size?"
         } else if camera.distance < 50.0 * object.radius {
-            "; is the radius a diameter, or in other units than the distance?"
+            "is the radius a diameter, or in other units than the distance?"
         } else {
-            "; check focal_px"
-        };
-        return vec![format!("{stated}{hint}")];
+            "check focal_px"
+        }
+    } else if across >= LEAST_WIDE * width {
+        "check principal_point_px"
+    } else if camera.distance > 500.0 * object.radius {
+        "is the distance in millimetres? All lengths are in metres"
+    } else {
+        "check focal_px, which is in pixels, not in millimetres"
+    };
+    let fault = |what: String| {
+        let advice = format!("The description gives {stated}; {hint}");
+        let error = Error::input(what).file("capture.toml").key("camera");
+        error.advice(advice.replace("gives radius", "says: radius"))
+    };
+    if capture.views.iter().all(|view| view.outline.is_some()) {
+        return (Vec::new(), None);
     }
-    if across < LEAST_WIDE * width {
-        let hint = if camera.distance > 500.0 * object.radius {
-            "is the distance in millimetres? All lengths are in metres"
-        } else {
-            "check focal_px, which is in pixels, not in millimetres"
-        };
-        return vec![format!("{stated}; {hint}")];
+    if !(across >= LEAST_PIXELS) {
+        let what = format!(
+            "the object is {across:.1} pixels wide in the photos, expected at least {LEAST_PIXELS}"
+        );
+        return (Vec::new(), Some(fault(what)));
     }
-    Vec::new()
+    // A plane that is rolled onto its side crosses the picture from top to bottom.
+    let level = |roll: f64| roll.cos().abs() > 0.7;
+    if capture.views.iter().all(|view| level(view.plane_roll)) {
+        let limb =
+            |sign: f64| camera.principal_point_px[0] + sign * scale * distorted(capture, half);
+        let margin = CUT_PX + CUT_SHARE * across;
+        let cut = [limb(-1.0) < -margin, limb(1.0) > width + margin];
+        let sides = match cut {
+            [true, true] => "both sides",
+            [true, false] => "the left side",
+            [false, true] => "the right side",
+            [false, false] => "",
+        };
+        if !sides.is_empty() {
+            let what = format!(
+                "the object is cut at {sides}: expected its limbs in columns 0 to {width:.0}, and by the description they are at {} and {} pixels",
+                pixels(limb(-1.0)),
+                pixels(limb(1.0))
+            );
+            return (Vec::new(), Some(fault(what)));
+        }
+    }
+    if across > MOST_WIDE * width || across < LEAST_WIDE * width {
+        return (vec![format!("{stated}; {hint}")], None);
+    }
+    (Vec::new(), None)
+}
+
+/// A number of pixels for people, however absurd.
+fn pixels(value: f64) -> String {
+    match value.abs() {
+        v if v < 1e6 => format!("{value:.0}"),
+        _ => format!("{value:.1e}"),
+    }
+}
+
+/// Distance from the principal point on the image of a camera of focal length 1, with the lens's radial distortion.
+fn distorted(capture: &Capture, r: f64) -> f64 {
+    let [k1, k2, _, _, k3] = capture.camera.distortion;
+    let r2 = r * r;
+    let moved = r * (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)));
+    match capture.camera.projection {
+        super::Projection::Perspective { .. } if moved.is_finite() => moved,
+        _ => r,
+    }
 }
 
 /// What an even orbit's file names and angles say of a photo that is missing: all after it would stand a
@@ -409,7 +480,7 @@ mod tests {
         write(&at("mask.exr"), (9, 4), 1.0);
         let mut text =
             "format = 1\n[object]\nshape = \"cylinder\"\nradius = 0.05\nmask = \"mask.exr\"\n\
-                        [camera]\nimage_size = [8, 4]\nfocal_px = 9\ndistance = 1\n"
+                        [camera]\nimage_size = [8, 4]\nfocal_px = 60\ndistance = 1\n"
                 .to_string();
         for (i, name) in ["a.exr", "b.exr", "c.exr", "d.png"].iter().enumerate() {
             text += &format!("[[view]]\norbit_deg = {i}\nfile = \"{name}\"\nexposure_s = 2\n");
@@ -484,11 +555,18 @@ mod tests {
         let camera =
             |focal: f64, distance: f64| format!("focal_px = {focal}\ndistance = {distance}");
         // 2 · 60 px · 0.05 = 6 of 8 pixels.
-        let warned = |camera: &str| said(camera, 8, &[], 45.0).1;
-        assert_eq!(warned(&camera(60.0, 1.0)), "");
-        assert!(warned(&camera(120.0, 1.0)).contains("twice the size"));
-        assert!(warned(&camera(60.0, 1000.0)).contains("millimetres"));
-        assert!(warned(&camera(2.0, 1.0)).contains("focal_px"));
+        let told = |camera: &str| {
+            let (faults, warnings) = said(camera, 8, &[], 45.0);
+            faults + &warnings
+        };
+        assert_eq!(told(&camera(60.0, 1.0)), "");
+        let wide = told(&camera(150.0, 1.0));
+        assert!(
+            wide.contains("cut at both sides") && wide.contains("twice the size"),
+            "{wide}"
+        );
+        assert!(told(&camera(60.0, 1000.0)).contains("millimetres"));
+        assert!(told(&camera(2.0, 1.0)).contains("focal_px"));
         let (faults, _) = said("focal_px = 60\ndistance = 0.04", 8, &[], 45.0);
         assert!(faults.contains("radius in millimetres"), "{faults}");
     }

@@ -7,6 +7,7 @@ use super::table::{Section, Source};
 use super::views::{Headers, evenly_spaced_views, exposures, given_twice, listed_views};
 use super::{Camera, Capture, Encoding, Object, Projection, Sensor, Shape};
 use crate::error::{Error, Result};
+use crate::files;
 
 /// The largest `capture.toml` that is read, bytes: 100,000 views of several photos fit.
 const LARGEST_FILE: u64 = 64 << 20;
@@ -31,18 +32,9 @@ impl Capture {
         } else {
             path.to_path_buf()
         };
-        let about = std::fs::metadata(&file).map_err(|cause| {
-            Error::read(&file, cause)
-                .advice("`flatlight init DIR` writes a first capture.toml for a folder of photos.")
+        let text = files::text_up_to(&file, LARGEST_FILE).map_err(|e| {
+            e.advice("`flatlight init DIR` writes a first capture.toml for a folder of photos.")
         })?;
-        if about.len() > LARGEST_FILE {
-            return Err(Error::input(format!(
-                "expected a description of at most {LARGEST_FILE} bytes, found {}",
-                about.len()
-            ))
-            .file(file));
-        }
-        let text = std::fs::read_to_string(&file).map_err(|cause| Error::read(&file, cause))?;
         let folder = match file.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
             _ => PathBuf::from("."),
@@ -101,6 +93,9 @@ fn whole(root: &Section<'_>, folder: &Path) -> Option<Capture> {
     given_twice(root, &views);
     let mut headers = Headers::read(&views, folder);
     headers.no_photos = views.is_empty();
+    if let Some(failed) = headers.failed.take() {
+        root.report(failed);
+    }
     exposures(root, &mut views, &headers);
 
     let camera = camera(&camera_section, &headers, object.as_ref());

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-pub use check::{Findings, check};
+pub use check::{Findings, check, framing};
 pub use draft::{Draft, draft};
 
 use crate::angle::WorldAngle;

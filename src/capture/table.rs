@@ -41,6 +41,15 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// Adds file and line to an error whose key stands in the file, and shows the line.
+    pub(crate) fn locate(&self, table: &DeTable<'_>, error: Error) -> Error {
+        error.map_each(&|mut error| {
+            let span = error.about().and_then(|key| span_of(table, key));
+            let advice = error.take_advice();
+            self.placed(error, span.as_ref(), advice.as_deref())
+        })
+    }
+
     pub(crate) fn report(&self, fault: Error) {
         self.faults.borrow_mut().push(fault);
     }
@@ -95,6 +104,11 @@ impl<'a> Section<'a> {
             view: None,
             asked: RefCell::new(Vec::new()),
         }
+    }
+
+    /// Reports a fault that is not of this file.
+    pub(crate) fn report(&self, fault: Error) {
+        self.source.report(fault);
     }
 
     /// Whether the section stands in the file.
@@ -197,12 +211,17 @@ impl<'a> Section<'a> {
         expected: &str,
         test: impl Fn(f64) -> bool,
     ) -> Option<f64> {
-        let number = self.number(key)?;
-        if !test(number) {
-            self.fault(key, format!("expected {expected}, found {number}"), None);
-            return None;
+        let value = self.raw(key)?.get_ref();
+        let number = finite(value);
+        match number {
+            None => self.wrong_type(key, expected, value),
+            Some(number) if !test(number) => {
+                self.fault(key, format!("expected {expected}, found {number:?}"), None);
+                return None;
+            }
+            Some(_) => {}
         }
-        Some(number)
+        number
     }
 
     /// A whole number.
@@ -315,6 +334,26 @@ impl<'a> Section<'a> {
                 .report(self.source.placed(fault, Some(&key.span()), None));
         }
     }
+}
+
+/// Where a key such as `lighting.sources[1].theta_deg` stands, or the last of its tables that is there.
+fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
+    let mut table = Some(table);
+    let mut span = None;
+    for part in key.split('.') {
+        let (name, index) = match part.split_once('[') {
+            Some((name, rest)) => (name, rest.trim_end_matches(']').parse::<usize>().ok()),
+            None => (part, None),
+        };
+        let Some(value) = table.and_then(|t| t.get(name)) else {
+            break;
+        };
+        let item = index.and_then(|i| value.get_ref().as_array()?.get(i));
+        let value = item.unwrap_or(value);
+        span = Some(value.span());
+        table = value.get_ref().as_table();
+    }
+    span
 }
 
 fn finite(value: &DeValue<'_>) -> Option<f64> {

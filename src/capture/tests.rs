@@ -143,12 +143,12 @@ fn faults_say_what_and_where() {
         (
             "radius = 0.05",
             "radius = nan",
-            "expected a finite number, found the number nan",
+            "expected a length above 0, in metres, found the number nan",
         ),
         (
             "radius = 0.05",
             "radius = \"5 cm\"",
-            "expected a finite number, found the text",
+            "expected a length above 0, in metres, found the text",
         ),
         (
             "\"sphere\"",

@@ -9,12 +9,15 @@ use super::path::{inside, is_file_in};
 use super::table::Section;
 use super::{GivenOutline, Photo, View};
 use crate::angle::WorldAngle;
+use crate::error::{Error, Kind};
 use crate::photo;
 
 fn exposure(section: &Section<'_>) -> Option<f64> {
-    section.number_where("exposure_s", "an exposure time above 0, in seconds", |t| {
+    let stated = section.number_where("exposure_s", "an exposure time above 0, in seconds", |t| {
         t > 0.0
-    })
+    });
+    // A time that is stated and wrong was reported; it is not missing.
+    stated.or_else(|| section.has("exposure_s").then_some(f64::NAN))
 }
 
 /// The `[[view]]` tables.
@@ -143,6 +146,9 @@ fn matching(pattern: &str, folder: &Path) -> std::result::Result<Vec<PathBuf>, S
             pattern.display()
         )
     })?;
+    if let Some(name) = not_utf8(folder, &pattern) {
+        return Err(format!("the name of \"{name}\" is not UTF-8"));
+    }
     let mut files = Vec::new();
     for path in paths {
         let path = path.map_err(|cause| format!("cannot look for files: {cause}"))?;
@@ -166,9 +172,27 @@ fn matching(pattern: &str, folder: &Path) -> std::result::Result<Vec<PathBuf>, S
     Ok(files)
 }
 
+/// A file of the pattern's folder that the pattern would name, were its name UTF-8: patterns pass over such names without a
+/// word.
+fn not_utf8(folder: &Path, pattern: &Path) -> Option<String> {
+    let (above, name) = (pattern.parent()?, pattern.file_name()?);
+    let wanted = glob::Pattern::new(&name.to_string_lossy()).ok()?;
+    let entries = std::fs::read_dir(folder.join(above)).ok()?;
+    entries.flatten().find_map(|entry| {
+        let name = entry.file_name();
+        let shown = name.to_string_lossy();
+        (name.to_str().is_none() && wanted.matches(&shown)).then(|| shown.into_owned())
+    })
+}
+
 /// Reports views of one direction, and photos used twice for one measurement.
 pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
     let mut directions = HashMap::new();
+    let sections = root.sections("view", true);
+    let fault = |view: usize, key: &str, what: String, advice: &str| match sections.get(view) {
+        Some(section) => section.fault(key, what, Some(advice)),
+        None => root.fault("views", what, Some(advice)),
+    };
     // One camera that never moved: a mirror ball's photos by several lights, whose directions are to be found.
     let fixed = views.len() > 2
         && views
@@ -185,24 +209,26 @@ pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
             && view.orbit.rad().is_finite()
             && let Some(first) = directions.insert((key(view.orbit.rad()), plane), i)
         {
-            root.fault(
-                "view",
+            fault(
+                i,
+                "orbit_deg",
                 format!(
                     "views {first} and {i} have the same orbit angle of {} degrees",
                     view.orbit.deg()
                 ),
-                Some("Several photos of one camera position belong into one view's `photos`."),
+                "Several photos of one camera position belong into one view's `photos`.",
             );
         }
         for photo in &view.photos {
             if let Some(first) = files.insert((&photo.file, plane), i) {
-                root.fault(
-                    "view",
+                fault(
+                    i,
+                    "photos",
                     format!(
                         "the photo \"{}\" is used twice, in views {first} and {i}",
                         photo.file.display()
                     ),
-                    Some("One photo may serve several views only if their plane_roll_deg differ."),
+                    "One photo may serve several views only if their plane_roll_deg differ.",
                 );
             }
         }
@@ -217,6 +243,8 @@ pub(super) struct Headers {
     pub(super) no_photos: bool,
     /// Exposure time by file, where the description gives none.
     exposure_s: HashMap<PathBuf, Option<f64>>,
+    /// What the system could not read; a photo that is damaged is told when its pixels are wanted.
+    pub(super) failed: Option<Error>,
 }
 
 impl Headers {
@@ -227,20 +255,29 @@ impl Headers {
             .filter(|photo| photo.exposure_s.is_none())
             .map(|photo| &photo.file)
             .collect();
-        // A photo that cannot be opened is told when its pixels are wanted.
+        let mut failed = None;
+        let mut kept = |result: crate::error::Result<photo::Info>| match result {
+            Err(error) if error.kind() == Kind::Failed => {
+                failed.get_or_insert(error);
+                None
+            }
+            other => other.ok(),
+        };
+        let size =
+            photos().find_map(|photo| Some(kept(photo::info(&folder.join(&photo.file)))?.size));
+        let read: Vec<_> = unstated
+            .into_par_iter()
+            .map(|file| (file.clone(), photo::info(&folder.join(file))))
+            .collect();
+        let exposure_s = read
+            .into_iter()
+            .map(|(file, info)| (file, kept(info).and_then(|info| info.shot.exposure_s)))
+            .collect();
         Self {
             no_photos: false,
-            size: photos()
-                .find_map(|photo| Some(photo::info(&folder.join(&photo.file)).ok()?.size)),
-            exposure_s: unstated
-                .into_par_iter()
-                .map(|file| {
-                    let exposure = photo::info(&folder.join(file))
-                        .ok()
-                        .and_then(|info| info.shot.exposure_s);
-                    (file.clone(), exposure)
-                })
-                .collect(),
+            size,
+            exposure_s,
+            failed,
         }
     }
 }

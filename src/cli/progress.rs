@@ -4,12 +4,14 @@ use std::io::IsTerminal;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use flatlight::pipeline::Progress;
+use flatlight::{Error, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// A bar per stage on stderr.
 pub struct Bars {
     current: Mutex<ProgressBar>,
     shown: bool,
+    strict: bool,
 }
 
 impl Bars {
@@ -18,7 +20,15 @@ impl Bars {
         Self {
             current: Mutex::new(ProgressBar::hidden()),
             shown: !quiet && std::io::stderr().is_terminal(),
+            strict: false,
         }
+    }
+
+    /// The same; `strict`: a doubtful photo ends the run.
+    pub fn strict(quiet: bool, strict: bool) -> Self {
+        let mut bars = Self::new(quiet);
+        bars.strict = strict;
+        bars
     }
 
     fn bar(&self) -> MutexGuard<'_, ProgressBar> {
@@ -49,6 +59,13 @@ impl Progress for Bars {
     fn step(&self) {
         if self.shown {
             self.bar().inc(1);
+        }
+    }
+
+    fn doubt(&self, fault: Error) -> Result<()> {
+        match self.strict {
+            true => Err(fault),
+            false => Ok(()),
         }
     }
 }

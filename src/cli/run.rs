@@ -22,6 +22,7 @@ pub fn run(
     let capture = Capture::read(capture)?;
     let hashes = input_hashes(&recipe, recipe_file, &capture)?;
     let folder = Folder::new(out);
+    let _claim = folder.claim()?;
     if folder.look(&hashes, &recipe.to_toml(), &capture.to_toml(), force)? == Found::Same {
         say::result(
             common,
@@ -32,8 +33,8 @@ pub fn run(
         );
         return Ok(());
     }
-    let bars = Bars::new(common.quiet);
-    let mut run = execute(&recipe, &capture, &bars)?;
+    let bars = Bars::strict(common.quiet, common.strict);
+    let mut run = execute(&recipe, &capture, &bars).map_err(|e| named(e, recipe_file))?;
     drop(bars);
     run.input_hashes = hashes;
     if common.strict && !run.warnings.is_empty() {
@@ -50,6 +51,18 @@ pub fn run(
     }
     say::result(common, &answer(&run, out));
     Ok(())
+}
+
+/// An error about a key of the recipe, with the recipe's name.
+fn named(error: Error, recipe: &Path) -> Error {
+    let of_recipe = |key: &str| {
+        let table = key.split('.').next().unwrap_or("");
+        ["brdf", "lighting", "recovery", "light_field", "scale"].contains(&table)
+    };
+    match error.about().is_some_and(of_recipe) {
+        true => error.file(recipe),
+        false => error,
+    }
 }
 
 /// The run's answer in a few lines, and the file to open.

@@ -2,6 +2,7 @@
 
 use clap::ValueEnum;
 use flatlight::Error;
+use flatlight::error::printable;
 use serde_json::json;
 
 use super::Common;
@@ -23,7 +24,7 @@ fn line(level: &str, message: &str) -> String {
 /// A result, to stdout.
 pub fn result(common: &Common, message: &str) {
     match common.log {
-        Log::Text => println!("{message}"),
+        Log::Text => println!("{}", printable(message)),
         Log::Json => println!("{}", line("result", message)),
     }
 }
@@ -34,7 +35,7 @@ pub fn warning(common: &Common, message: &str) {
         return;
     }
     match common.log {
-        Log::Text => eprintln!("warning: {message}"),
+        Log::Text => eprintln!("warning: {}", printable(message)),
         Log::Json => eprintln!("{}", line("warning", message)),
     }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::brdf::{MeasuredSlice, SliceTable};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::light_field::LightField;
 use crate::lighting::{read_spectrum, read_table};
 use crate::{LocalAngle, WorldAngle};
@@ -140,14 +141,13 @@ impl Product {
     /// If the file cannot be read or is none of the products that are compared.
     pub fn read(file: &Path) -> Result<Self> {
         let mut start = [0; 4];
-        let read = std::fs::File::open(file)
-            .and_then(|mut opened| std::io::Read::read(&mut opened, &mut start))
+        let read = std::io::Read::read(&mut files::open(file)?.0, &mut start)
             .map_err(|e| Error::read(file, e))?;
         // The magic number of OpenEXR.
         if start[..read] == [0x76, 0x2f, 0x31, 0x01] {
             return Self::light_field(file);
         }
-        let text = std::fs::read_to_string(file).map_err(|e| Error::read(file, e))?;
+        let text = files::text(file)?;
         let header = text.lines().next().unwrap_or("").trim();
         let names: Vec<&str> = header.split(',').collect();
         match names.as_slice() {

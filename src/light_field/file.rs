@@ -7,13 +7,14 @@ use std::path::Path;
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image,
     ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2,
-    WritableImage, read_first_flat_layer_from_file,
+    WritableImage,
 };
 
 use super::LightField;
 use super::header::sort_attributes;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
+use crate::photo::ExrPart;
 
 /// One part of an EXR file: named float32 planes of one size.
 #[derive(Clone, Debug, Default)]
@@ -36,18 +37,12 @@ impl LightField {
     /// # Errors
     /// If the file cannot be read, or lacks one of the layers `mean`, `sigma` and `weight` of a channel.
     pub fn read(file: &Path) -> Result<Self> {
-        let image = read_first_flat_layer_from_file(file).map_err(|e| Error::read(file, e))?;
-        let layer = image.layer_data;
+        let part = ExrPart::read(file)?;
         let grid = Grid {
-            normals: layer.size.height(),
-            locals: layer.size.width(),
+            normals: part.size[1],
+            locals: part.size[0],
         };
-        let mut planes: BTreeMap<String, Vec<f32>> = layer
-            .channel_data
-            .list
-            .iter()
-            .map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect()))
-            .collect();
+        let mut planes: BTreeMap<String, Vec<f32>> = part.planes.into_iter().collect();
         let channels: Vec<String> = planes
             .keys()
             .filter_map(|name| name.strip_prefix("mean.").map(String::from))
@@ -212,7 +207,7 @@ mod tests {
             LightField::read(&path).expect("reads").mean[0],
             field.mean[1]
         );
-        let image = read_first_flat_layer_from_file(&path).expect("reads");
+        let image = exr::prelude::read_first_flat_layer_from_file(&path).expect("reads");
         let layer = image.layer_data;
         assert_eq!(layer.channel_data.list.len(), 6);
         let name = Text::from("mean.560nm");

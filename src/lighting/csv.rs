@@ -2,15 +2,14 @@
 //! `channel,p,re,im,sigma,status`.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
 
-use atomic_write_file::AtomicWriteFile;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
 use super::Lighting;
 use crate::error::{Error, Result, nearest};
+use crate::files;
 
 /// A lighting as read from a table, with the standard deviations that stood beside it.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +31,7 @@ pub struct LightingTable {
 /// With file and line: a column that is not known, a field that is no number or is missing, angles
 /// that are not regular or do not wrap at 360°.
 pub fn read_table(file: &Path) -> Result<LightingTable> {
-    let text = std::fs::read_to_string(file).map_err(|e| Error::read(file, e))?;
+    let text = files::text(file)?;
     parse_table(&text).map_err(|e| e.file(file))
 }
 
@@ -368,7 +367,7 @@ pub fn write_spectrum(file: &Path, rows: &[SpectrumRow]) -> Result<()> {
 /// # Errors
 /// With file and line, for a header or a field that is not as expected.
 pub fn read_spectrum(file: &Path) -> Result<Vec<SpectrumRow>> {
-    let text = std::fs::read_to_string(file).map_err(|e| Error::read(file, e))?;
+    let text = files::text(file)?;
     let mut lines = numbered(&text);
     let expected = "channel,p,re,im,sigma,status";
     match lines.next() {
@@ -428,12 +427,7 @@ fn parse_spectrum_row(line: &str) -> Result<SpectrumRow> {
 }
 
 fn write_whole(file: &Path, text: &str) -> Result<()> {
-    let write = || {
-        let mut target = AtomicWriteFile::open(file)?;
-        target.write_all(text.as_bytes())?;
-        target.commit()
-    };
-    write().map_err(|e: std::io::Error| Error::write(file, e))
+    files::write_whole(file, text.as_bytes())
 }
 
 #[cfg(test)]

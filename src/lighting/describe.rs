@@ -54,6 +54,9 @@ pub struct SourceDescription {
     pub irradiance: Vec<f64>,
 }
 
+/// How much of a table's light may be negative against the positive: what a recovery without the constraint leaves.
+const NEGATIVE_LIGHT: f64 = 0.25;
+
 const KEYS: [&str; 7] = [
     "sources",
     "uniform",
@@ -141,7 +144,18 @@ impl LightingDescription {
         }
         if let Some(file) = &self.table {
             let file = folder.join(file);
-            let read = read_table(&file)?.lighting;
+            let table = read_table(&file)?;
+            for (name, values) in table.lighting.channels.iter().zip(&table.values) {
+                let of_sign = |sign: f64| values.iter().map(|v| (sign * v).max(0.0)).sum::<f64>();
+                if of_sign(-1.0) > NEGATIVE_LIGHT * of_sign(1.0) {
+                    return Err(Error::input(format!(
+                        "expected light of 0 or more, and channel {name} is negative to a large part"
+                    ))
+                    .file(&file)
+                    .key(format!("L_{name}")));
+                }
+            }
+            let read = table.lighting;
             let matched =
                 in_channels(&read, channels).map_err(|e| e.file(&file).key("lighting.table"))?;
             lighting = lighting.plus(&matched);

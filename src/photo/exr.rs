@@ -11,6 +11,7 @@ use exr::meta::header::Header;
 use super::shot::sensible;
 use super::{Format, Info, Opened, Photo, Shot, Storage, plausible, wanted};
 use crate::error::{Error, Result};
+use crate::files::Input;
 
 /// A channel of the photo and where the file keeps it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,7 +21,7 @@ struct Source {
     index: usize,
 }
 
-type Blocks = Reader<std::io::BufReader<std::fs::File>>;
+type Blocks = Reader<std::io::BufReader<Input>>;
 
 pub(super) fn info(opened: Opened) -> Result<Info> {
     let blocks = open(opened)?;

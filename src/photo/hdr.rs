@@ -3,13 +3,13 @@
 //! The format is that of the Radiance file formats manual and its `color.c`: three mantissas m
 //! with a shared exponent e stand for (m + ½) 2^(e − 136).
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::Range;
 
 use super::orientation::Orientation;
 use super::{Format, Header, Opened, Planes, Shot, Storage, plausible};
 use crate::error::{Error, Result};
+use crate::files::Input;
 
 /// The longest line of the header that is read, bytes.
 const LONGEST_LINE: u64 = 4096;
@@ -86,7 +86,7 @@ fn truncated(_: std::io::Error) -> Error {
     Error::input("the HDR file is truncated: it ends before its pixels do")
 }
 
-fn line(reader: &mut BufReader<File>) -> Result<String> {
+fn line(reader: &mut BufReader<Input>) -> Result<String> {
     let mut bytes = Vec::new();
     reader
         .by_ref()
@@ -145,7 +145,7 @@ fn resolution(text: &str) -> Option<([u32; 2], Orientation)> {
 }
 
 /// Reads one line of pixels: new run-length code, old run-length code or none.
-fn scan_line(reader: &mut BufReader<File>, width: usize, pixels: &mut Vec<[u8; 4]>) -> Result<()> {
+fn scan_line(reader: &mut BufReader<Input>, width: usize, pixels: &mut Vec<[u8; 4]>) -> Result<()> {
     pixels.clear();
     let mut start = [0; 4];
     reader.read_exact(&mut start).map_err(truncated)?;
@@ -183,7 +183,7 @@ fn scan_line(reader: &mut BufReader<File>, width: usize, pixels: &mut Vec<[u8; 4
 }
 
 /// One component of a line in the new code: runs above 128, literals up to it.
-fn component(reader: &mut BufReader<File>, c: usize, pixels: &mut [[u8; 4]]) -> Result<()> {
+fn component(reader: &mut BufReader<Input>, c: usize, pixels: &mut [[u8; 4]]) -> Result<()> {
     let mut buffer = [0; 128];
     let mut rest = pixels;
     while !rest.is_empty() {

@@ -7,6 +7,7 @@ mod exr;
 mod hdr;
 mod jpeg;
 mod orientation;
+mod part;
 mod png;
 pub(crate) mod raw;
 mod shot;
@@ -14,17 +15,18 @@ mod shot;
 mod tests;
 mod tiff;
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+pub use part::ExrPart;
 pub use shot::Shot;
 
 use self::orientation::Orientation;
 
 use crate::error::{Error, Result};
+use crate::files::{self, Input};
 
 /// Some rows of a photograph as stored: code values before any linearisation.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,7 +106,7 @@ type Planes = Vec<Vec<f32>>;
 
 /// A photo file after its size and format were looked at.
 struct Opened {
-    reader: BufReader<File>,
+    reader: BufReader<Input>,
     format: Format,
     bytes: u64,
 }
@@ -146,23 +148,22 @@ pub fn info(path: &Path) -> Result<Info> {
 /// Opens the file and keeps a decoder's panic, should one come, within that file.
 fn guarded<T>(path: &Path, decode: impl FnOnce(Opened) -> Result<T>) -> Result<T> {
     let opened = open(path)?;
-    match catch_unwind(AssertUnwindSafe(|| decode(opened))) {
+    let fault = opened.reader.get_ref().fault();
+    let decoded = catch_unwind(AssertUnwindSafe(|| decode(opened)));
+    if let Some(failed) = fault.failed(path) {
+        return Err(failed);
+    }
+    match decoded {
         Ok(result) => result.map_err(|error| error.file(path)),
         Err(_) => Err(Error::input("the file is damaged: its decoder gave up").file(path)),
     }
 }
 
 fn open(path: &Path) -> Result<Opened> {
-    let about = std::fs::metadata(path).map_err(|cause| Error::read(path, cause))?;
-    if !about.is_file() {
-        return Err(
-            Error::input("expected a photo, found something that is not a file").file(path),
-        );
-    }
-    if about.len() == 0 {
+    let (file, bytes) = files::open(path)?;
+    if bytes == 0 {
         return Err(Error::input("expected a photo, found an empty file").file(path));
     }
-    let file = File::open(path).map_err(|cause| Error::read(path, cause))?;
     let mut reader = BufReader::with_capacity(1 << 16, file);
     let mut start = Vec::with_capacity(16);
     reader
@@ -170,7 +171,10 @@ fn open(path: &Path) -> Result<Opened> {
         .take(16)
         .read_to_end(&mut start)
         .and_then(|_| reader.rewind())
-        .map_err(|cause| Error::read(path, cause))?;
+        .map_err(|cause| {
+            let fault = reader.get_ref().fault().failed(path);
+            fault.unwrap_or_else(|| Error::read(path, cause))
+        })?;
     let format = Format::of(&start).ok_or_else(|| {
         Error::input("expected an EXR, PNG, TIFF, JPEG, HDR or RAW file, found none of them")
             .file(path)
@@ -182,7 +186,7 @@ fn open(path: &Path) -> Result<Opened> {
     Ok(Opened {
         reader,
         format,
-        bytes: about.len(),
+        bytes,
     })
 }
 

@@ -7,8 +7,9 @@ use png::{BitDepth, ColorType, DecodingError, Limits, Transformations};
 use super::orientation::Orientation;
 use super::{Format, Header, Opened, Planes, Shot, Storage, plausible, shot};
 use crate::error::{Error, Result};
+use crate::files::Input;
 
-type Reader = png::Reader<std::io::BufReader<std::fs::File>>;
+type Reader = png::Reader<std::io::BufReader<Input>>;
 
 pub(super) fn open(opened: Opened) -> Result<(Header, impl FnOnce(Range<u32>) -> Result<Planes>)> {
     let bytes = opened.bytes;

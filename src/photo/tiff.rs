@@ -1,7 +1,6 @@
 //! TIFF: integers of 8, 16 and 32 bits, floats of 16, 32 and 64; strips and tiles, of which only
 //! those with wanted rows are read. The first page of several.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::ops::Range;
 
@@ -14,8 +13,9 @@ use super::orientation::Orientation;
 use super::shot::sensible;
 use super::{Format, Header, Opened, Planes, Shot, Storage, plausible};
 use crate::error::{Error, Result};
+use crate::files::Input;
 
-type Tiff = Decoder<BufReader<File>>;
+type Tiff = Decoder<BufReader<Input>>;
 
 pub(super) fn open(opened: Opened) -> Result<(Header, impl FnOnce(Range<u32>) -> Result<Planes>)> {
     let bytes = opened.bytes;

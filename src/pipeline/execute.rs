@@ -36,8 +36,13 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         Recover::Both => joint::FOOTPRINT,
         _ => FOOTPRINT,
     };
+    if capture.views.len() < 2 && recipe.recover != Recover::None {
+        return Err(one_view());
+    }
     let mut measured = measure(capture, &recipe.light_field, footprint, progress)?;
     clock.lap("photos to light field");
+    let (whole, used) = (capture, measured.capture.clone());
+    let capture = &used;
     let orbit = refine_orbit(&mut measured, recipe, capture)?;
     if orbit.is_some() {
         clock.lap("orbit angles");
@@ -68,6 +73,15 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     if let Some(light) = &mut recovered.lighting {
         lean::scale(light, measured.scale_sigma);
     }
+    // Where noise is estimated from the scatter, what nothing explains may also pass for noise.
+    let unexplained = |f: &fit::FitQuality| {
+        f.verdict == Verdict::Refused || f.residual_relative > fit::NOISE_OR_NOTHING
+    };
+    if recovered.fit.iter().any(unexplained)
+        && let Some(doubt) = measured.doubt.take()
+    {
+        return Err(doubt);
+    }
     let mut warnings = measured.warnings.clone();
     warnings.append(&mut recovered.warnings);
     warnings.extend(explain::fit_warnings(recipe.recover, &measured, &recovered));
@@ -83,7 +97,7 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     Ok(Run {
         title: recipe.title.clone().unwrap_or_else(|| capture.name.clone()),
         recover: recipe.recover.word().into(),
-        capture_toml: capture.to_toml(),
+        capture_toml: whole.to_toml(),
         recipe_toml: recipe.to_toml(),
         capture_name: capture.name.clone(),
         channels: measured.samples.channels.clone(),
@@ -273,6 +287,13 @@ fn refuse(recovered: &mut Recovered) {
             .channels
             .retain(|m| !refused(&m.channel, &brdf.channels));
     }
+}
+
+fn one_view() -> Error {
+    Error::input("expected at least two views to recover light or material from, found one view")
+        .file("capture.toml")
+        .key("view")
+        .advice("One view is a single line of the light field: what the light did and what the surface did are not told apart on it. With recover = \"none\" its line is written.")
 }
 
 fn missing(key: &str) -> Error {

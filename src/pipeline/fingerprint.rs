@@ -5,11 +5,11 @@
 //! tables of blocks there, which change with the compressed size of any block) and of pieces evenly spread over it. It says so:
 //! `sampled:` stands before it. Smaller files are hashed whole, as `b3sum` does.
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::files::{self, Input};
 
 /// Files up to this size are hashed whole, bytes.
 const WHOLE: u64 = 16 << 20;
@@ -23,12 +23,15 @@ const PIECE: u64 = 4 << 10;
 /// # Errors
 /// If it cannot be read.
 pub fn fingerprint(path: &Path) -> Result<String> {
-    hash(path).map_err(|e| Error::read(path, e))
+    let (file, length) = files::open_stream(path)?;
+    let fault = file.fault();
+    hash(file, length).map_err(|e| {
+        let failed = fault.failed(path);
+        failed.unwrap_or_else(|| Error::read(path, e))
+    })
 }
 
-fn hash(path: &Path) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
+fn hash(mut file: Input, length: u64) -> std::io::Result<String> {
     let mut hasher = blake3::Hasher::new();
     if length <= WHOLE {
         // Also of what has no length of its own, such as a pipe.

@@ -16,6 +16,8 @@ pub const DOUBTFUL: f64 = 0.02;
 /// Unexplained share above which a result is refused. Light from out of the plane leaves 10 % (Phong 8) to 60 % (GGX
 /// 0.1) on anything but Lambertian and mirror surfaces, and a BRDF recovered from it is wrong by more than half.
 pub const REFUSED: f64 = 0.06;
+/// Residual, relative to the largest radiance, that is taken for no noise if the photos show no limb, or more than one object.
+pub const NOISE_OR_NOTHING: f64 = 0.05;
 /// Frequencies of continuous light that are carried into a prediction: the lobes that photographs resolve pass no more.
 const ORDER: usize = 180;
 

@@ -9,8 +9,10 @@ use super::preview::preview;
 use super::progress::Progress;
 use super::recipe::LightFieldOptions;
 use super::run::{Preview, ViewRecord};
-use crate::capture::{Capture, Projection, Shape};
-use crate::error::{Error, Result};
+use super::scenery::{Scenery, scenery};
+use super::usable::{Level, Look, Usable};
+use crate::capture::{Capture, Projection, Shape, framing};
+use crate::error::{Error, Kind, Result};
 use crate::geometry::outline::{self, Outline, Search};
 use crate::geometry::{CameraModel, Pose, Settled, Side, ViewGeometry, settle};
 use crate::grid::Grid;
@@ -18,6 +20,7 @@ use crate::light_field::{
     Gathered, Jitter, LightField, MeasuredLine, Samples, Systematic, ViewSample,
     automatic_limb_cut, gather, grid, jitter, runs_backwards,
 };
+use crate::photo::Storage;
 use crate::radiance::{self, Developed, Radiance};
 
 /// Rows above and below the cross-section that the outline is searched in, pixels: the most, and the least. In
@@ -54,6 +57,8 @@ const PREVIEWS: usize = 4;
 /// The measured light field and how it came about.
 #[derive(Debug)]
 pub struct Measured {
+    /// The capture with the views that were used.
+    pub capture: Capture,
     /// Samples at exact positions, for the recoveries.
     pub samples: Samples,
     /// Errors of the geometry that all samples have in common.
@@ -68,6 +73,8 @@ pub struct Measured {
     pub limb_cut: f64,
     /// Distance from the cross-section up to which rows were averaged, pixels.
     pub reach: f64,
+    /// What is wrong with the photos if nothing explains them.
+    pub doubt: Option<Error>,
     /// What was found in each view.
     pub views: Vec<ViewRecord>,
     /// A few photos.
@@ -83,62 +90,67 @@ struct ReadView {
     line: MeasuredLine,
     exposures: Vec<radiance::Found>,
     preview: Option<Preview>,
+    scenery: Scenery,
 }
 
 /// Measures the light field of a capture. Where the recipe leaves the limb cut open, samples are used up to where a pixel covers
 /// `footprint` degrees of θo′.
 ///
 /// # Errors
-/// If a photo cannot be read or does not show the measured line, or channels differ between views.
+/// If the object is not in the picture by the description, or too many photos cannot be read, do not show the measured line,
+/// differ in channels or storage, or cannot be of one object; a few such are left out with a warning.
 pub fn measure(
     capture: &Capture,
     options: &LightFieldOptions,
     footprint: f64,
     progress: &dyn Progress,
 ) -> Result<Measured> {
-    let (capture, response) = radiance::resolved(capture)?;
-    let capture = &capture;
-    let camera = CameraModel::new(&capture.camera)?;
-    let nominal = |view: usize| {
-        ViewGeometry::new(
-            &camera,
-            &capture.object,
-            Pose::nominal(),
-            capture.views[view].plane_roll,
-        )
-    };
-    let reach = match options.rows {
-        Some(rows) => rows as f64 / 2.0,
-        None => choose_reach(capture, &camera, options.locals)?,
-    };
-    progress.stage("photos", capture.views.len());
-    let shown = spread(capture.views.len(), PREVIEWS);
-    let read: Vec<ReadView> = (0..capture.views.len())
-        .into_par_iter()
-        .map(|k| {
-            let view = read_view(capture, &camera, k, reach, shown.contains(&k));
-            progress.step();
-            view.map_err(|e| e.view(k).file(first_file(capture, k)))
-        })
-        .collect::<Result<_>>()?;
-    let channels = read[0].channels.clone();
-    if let Some(k) = read.iter().position(|v| v.channels != channels) {
-        return Err(Error::input(format!(
-            "expected the channels {} as in the first view, found {}",
-            channels.join(", "),
-            read[k].channels.join(", ")
-        ))
-        .view(k)
-        .file(first_file(capture, k)));
+    let (whole, response) = radiance::resolved(capture).map_err(|e| e.file("capture.toml"))?;
+    if let Some(fault) = framing(&whole).1 {
+        return Err(fault);
     }
+    let camera = CameraModel::new(&whole.camera)?;
+    let mut usable = Usable::all(&whole);
+    let (capture, read, reach) = loop {
+        let part = usable.of(&whole);
+        let reach = match options.rows {
+            Some(rows) => rows as f64 / 2.0,
+            None => choose_reach(&part, &camera, options.locals)?,
+        };
+        let (read, looks): (Vec<_>, Vec<_>) = read_views(&part, &camera, reach, progress)
+            .into_iter()
+            .map(|view| match view {
+                Ok((view, look)) => (Some(view), Ok(look)),
+                Err(error) => (None, Err(error)),
+            })
+            .unzip();
+        if let Some(looks) = usable.leave_out(&whole, looks, progress)? {
+            let read: Vec<ReadView> = read.into_iter().flatten().collect();
+            let odd = usable.odd_values(&part, &looks, progress)?;
+            usable.notes.extend(odd);
+            break (part, read, reach);
+        }
+    };
+    let capture = &capture;
+    let channels = read[0].channels.clone();
 
     progress.stage("light field", capture.views.len());
     let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
+    let unseen = outlines.iter().all(|o| o.sides() == [false, false]);
+    if unseen && !read.iter().any(|v| v.scenery.structured) {
+        return Err(no_object(
+            "the photos show an even area or noise and nothing else",
+        ));
+    }
     let settled = settle(&outlines, capture)?;
     let poses = &settled.poses;
     let limb_cut = match options.limb_cut_deg {
         Some(degrees) => degrees.to_radians(),
-        None => automatic_limb_cut(&nominal(0), footprint),
+        None => {
+            let roll = capture.views[0].plane_roll;
+            let nominal = ViewGeometry::new(&camera, &capture.object, Pose::nominal(), roll);
+            automatic_limb_cut(&nominal, footprint)
+        }
     };
     let cells = Grid {
         normals: options.normals,
@@ -231,11 +243,27 @@ pub fn measure(
             samples: views[k].first().map_or(0, |c| c.iter().flatten().count()),
         })
         .collect();
+    let number = |view: usize| usable.number(view);
+    let beside = read.iter().filter(|v| v.scenery.beside).count();
     Ok(Measured {
+        capture: capture.clone(),
+        doubt: if 2 * beside > read.len() {
+            Some(beside_object(beside, read.len()))
+        } else if unseen {
+            Some(no_object(
+                "no view shows its limb, and nothing explains what is in its place",
+            ))
+        } else {
+            None
+        },
         warnings: [
+            usable.notes.clone(),
             response.iter().map(response_note).collect(),
-            exposure_warnings(capture, &read),
-            jitter.iter().map(|j| jitter_note(capture, j)).collect(),
+            exposure_warnings(capture, &read, &number),
+            jitter
+                .iter()
+                .map(|j| jitter_note(capture, j, &number))
+                .collect(),
             seen,
         ]
         .concat(),
@@ -312,27 +340,84 @@ fn find_outline(
     }
 }
 
-/// Some rows of a view as far as its masks let them be used, and the outline in them.
+/// Some rows of a view, as far as its masks let them be used, and the outline in them.
+struct Photographed {
+    radiance: Radiance,
+    outline: Outline,
+    exposures: Vec<radiance::Found>,
+    storage: Storage,
+    census: radiance::Census,
+}
+
 fn photographed(
     capture: &Capture,
     camera: &CameraModel,
     view: usize,
     rows: Range<u32>,
-) -> Result<(Radiance, Outline, Vec<radiance::Found>)> {
+) -> Result<Photographed> {
     let Developed {
         radiance,
         exposures,
+        storage,
+        census,
     } = radiance::develop(capture, view, rows)?;
-    let Some(masked) = radiance::masked(capture, view, &radiance)? else {
-        let outline = find_outline(capture, camera, view, &radiance)?;
-        return Ok((radiance, outline, exposures));
+    let outline = |radiance: &Radiance| find_outline(capture, camera, view, radiance);
+    let (radiance, outline) = match radiance::masked(capture, view, &radiance)? {
+        None => {
+            let outline = outline(&radiance)?;
+            (radiance, outline)
+        }
+        Some(masked) => {
+            let mut found = outline(&masked)?;
+            // A mask that follows the object hides its limb, which the photo itself may show.
+            if found.sides() == [false, false] {
+                found = outline(&radiance)?;
+            }
+            (masked, found)
+        }
     };
-    let mut outline = find_outline(capture, camera, view, &masked)?;
-    // A mask that follows the object hides its limb, which the photo itself may show.
-    if outline.sides() == [false, false] {
-        outline = find_outline(capture, camera, view, &radiance)?;
-    }
-    Ok((masked, outline, exposures))
+    Ok(Photographed {
+        radiance,
+        outline,
+        exposures,
+        storage,
+        census,
+    })
+}
+
+fn no_object(why: &str) -> Error {
+    Error::input(format!("expected an object, found no object: {why}"))
+        .file("capture.toml")
+        .key("camera")
+        .advice("Are these the photos, is there one object only, is it cut by the frame, do radius, distance, focal length and principal_point_px put it where it is? If its limb cannot be seen against the background, give each view's outline by hand.")
+}
+
+fn beside_object(count: usize, views: usize) -> Error {
+    Error::input(format!(
+        "expected one object before a plain background, found something as bright beside the object in {count} of {views} views, and nothing explains what was measured"
+    ))
+    .file("capture.toml")
+    .key("object.mask")
+    .advice("Hide the rest with a mask (white is used), crop the photos to the object, or check which of the things radius and principal_point_px describe.")
+}
+
+/// Every view, in order, each with its own fault.
+fn read_views(
+    capture: &Capture,
+    camera: &CameraModel,
+    reach: f64,
+    progress: &dyn Progress,
+) -> Vec<Result<(ReadView, Look)>> {
+    progress.stage("photos", capture.views.len());
+    let shown = spread(capture.views.len(), PREVIEWS);
+    (0..capture.views.len())
+        .into_par_iter()
+        .map(|k| {
+            let view = read_view(capture, camera, k, reach, shown.contains(&k));
+            progress.step();
+            view.map_err(|e| e.file(first_file(capture, k)))
+        })
+        .collect()
 }
 
 fn read_view(
@@ -341,20 +426,52 @@ fn read_view(
     view: usize,
     reach: f64,
     shown: bool,
-) -> Result<ReadView> {
+) -> Result<(ReadView, Look)> {
     let roll = capture.views[view].plane_roll;
     let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
     let rows = rows_needed(capture, &nominal, reach);
-    let (radiance, outline, exposures) = photographed(capture, camera, view, rows)?;
+    let Photographed {
+        radiance,
+        outline,
+        exposures,
+        storage,
+        census,
+    } = photographed(capture, camera, view, rows)?;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
     let line = MeasuredLine::read(&radiance, &geometry, reach)?;
-    Ok(ReadView {
+    let look = Look {
+        channels: radiance.channels.clone(),
+        storage,
+        odd: census.between(columns(&line)),
+        levels: (0..radiance.channels.len())
+            .map(|c| {
+                let stations = line.stations.value[c]
+                    .iter()
+                    .zip(&line.stations.variance[c]);
+                Level::of(stations.map(|(value, variance)| variance.is_finite().then_some(*value)))
+            })
+            .collect(),
+        masked: capture.object.mask.is_some() || capture.views[view].mask.is_some(),
+    };
+    let ends = columns(&line);
+    let row = line.positions.first().map_or(0.0, |p| p[1]);
+    let read = ReadView {
+        scenery: scenery(&radiance, row, [ends.start as f64, ends.end as f64]),
         preview: shown.then(|| preview(view, &radiance, &geometry, reach)),
         channels: radiance.channels,
         outline,
         line,
         exposures,
-    })
+    };
+    Ok((read, look))
+}
+
+/// Columns of the image that a line runs over.
+fn columns(line: &MeasuredLine) -> Range<usize> {
+    let places = || line.positions.iter().map(|p| p[0].max(0.0));
+    let first = places().fold(f64::INFINITY, f64::min);
+    let last = places().fold(0.0, f64::max);
+    first as usize..last as usize + 1
 }
 
 /// The rows above and below each view's line. Photos are read a second time, which costs less than keeping what few
@@ -395,7 +512,7 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
     // By name: neither the order in which a capture lists its views matters, nor where its angles start.
     let mut named: Vec<usize> = (0..capture.views.len()).collect();
     named.sort_by_cached_key(|&view| first_file(capture, view));
-    let chosen: Vec<f64> = spread(named.len(), PILOTS)
+    let chosen: Vec<Option<f64>> = spread(named.len(), PILOTS)
         .into_par_iter()
         .map(|place| {
             let view = named[place];
@@ -403,21 +520,28 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
             let roll = capture.views[view].plane_roll;
             let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
             let rows = rows_needed(capture, &nominal, widest);
-            let (radiance, outline, _) =
-                photographed(capture, camera, view, rows).map_err(place)?;
-            let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
+            // What is wrong with a pilot's photo is said when all are read.
+            let pilot = match photographed(capture, camera, view, rows) {
+                Ok(pilot) => pilot,
+                Err(error) if error.kind() == Kind::Failed => return Err(place(error)),
+                Err(_) => return Ok(None),
+            };
+            let geometry = ViewGeometry::new(camera, &capture.object, pilot.outline.pose, roll);
             let mut narrower: Vec<MeasuredLine> = Vec::new();
             for &reach in &candidates {
-                let line = MeasuredLine::read(&radiance, &geometry, reach).map_err(place)?;
+                let Ok(line) = MeasuredLine::read(&pilot.radiance, &geometry, reach) else {
+                    return Ok(None);
+                };
                 if !narrower.iter().all(|n| agree(&line, n, &geometry)) {
                     break;
                 }
                 narrower.push(line);
             }
-            Ok(candidates[narrower.len().max(1) - 1])
+            Ok(Some(candidates[narrower.len().max(1) - 1]))
         })
         .collect::<Result<_>>()?;
-    Ok(chosen.into_iter().fold(f64::INFINITY, f64::min).min(widest))
+    let least = chosen.into_iter().flatten().fold(f64::INFINITY, f64::min);
+    Ok(least.min(widest))
 }
 
 /// Whether `wider` differs from `narrower` by no more than the latter's noise and [`ROWS_BIAS`].
@@ -553,13 +677,14 @@ fn response_note(found: &radiance::Recovery) -> String {
 }
 
 /// How much the views' exposures were found to jitter.
-fn jitter_note(capture: &Capture, jitter: &Jitter) -> String {
+fn jitter_note(capture: &Capture, jitter: &Jitter, number: &dyn Fn(usize) -> usize) -> String {
     let size = |v: &usize| jitter.factor.get(*v).map_or(0.0, |f| f.ln().abs());
     let worst = (0..jitter.factor.len()).max_by(|a, b| size(a).total_cmp(&size(b)));
     let (view, sigma) = worst.map_or((0, 0.0), |v| (v, jitter.sigma[v]));
     format!(
-        "Exposure changes from view to view by {:.2} % (rms), the most in view {view} (\"{}\": {:+.2} ± {:.2} %); it was divided out. Changes as slow along the orbit as lighting cannot be told from lighting and are left.",
+        "Exposure changes from view to view by {:.2} % (rms), the most in view {} (\"{}\": {:+.2} ± {:.2} %); it was divided out. Changes as slow along the orbit as lighting cannot be told from lighting and are left.",
         100.0 * jitter.rms(),
+        number(view),
         first_file(capture, view),
         100.0 * (jitter.factor.get(view).copied().unwrap_or(1.0) - 1.0),
         100.0 * sigma
@@ -567,7 +692,11 @@ fn jitter_note(capture: &Capture, jitter: &Jitter) -> String {
 }
 
 /// What the brackets showed to be other than stated: photos moved against each other, exposure times.
-fn exposure_warnings(capture: &Capture, read: &[ReadView]) -> Vec<String> {
+fn exposure_warnings(
+    capture: &Capture,
+    read: &[ReadView],
+    number: &dyn Fn(usize) -> usize,
+) -> Vec<String> {
     let mut warnings = Vec::new();
     let mut worst: Option<(f64, usize, usize)> = None;
     for (v, view) in read.iter().enumerate() {
@@ -576,7 +705,8 @@ fn exposure_warnings(capture: &Capture, read: &[ReadView]) -> Vec<String> {
             if found.shift.by != [0.0; 2] {
                 let [sx, sy] = found.shift.sigma;
                 warnings.push(format!(
-                    "View {v}: \"{}\" lay ({dx:.2} ± {sx:.2}, {dy:.2} ± {sy:.2}) pixels off the view's other photos and was moved back.",
+                    "View {}: \"{}\" lay ({dx:.2} ± {sx:.2}, {dy:.2} ± {sy:.2}) pixels off the view's other photos and was moved back.",
+                    number(v),
                     photo_file(capture, v, p)
                 ));
             }
@@ -590,7 +720,8 @@ fn exposure_warnings(capture: &Capture, read: &[ReadView]) -> Vec<String> {
         && change.abs() > TIME_CHANGE
     {
         warnings.push(format!(
-            "The brackets show exposure times other than stated, and were merged with those; the most in view {v}: \"{}\" by {:+.1} %.",
+            "The brackets show exposure times other than stated, and were merged with those; the most in view {}: \"{}\" by {:+.1} %.",
+            number(v),
             photo_file(capture, v, p),
             100.0 * change.exp_m1()
         ));

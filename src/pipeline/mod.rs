@@ -19,14 +19,16 @@ mod recipe;
 mod record;
 mod run;
 mod scale;
+mod scenery;
 mod spectrum;
+mod usable;
 
 pub use execute::{execute, input_hashes};
 pub use fit::FitQuality;
 pub use joint::ChannelGauge;
 pub use measure::{Measured, measure};
 pub use orbit::OrbitRefinement;
-pub use products::{Folder, Found, Product, products};
+pub use products::{Claim, Folder, Found, Product, products};
 pub use progress::{Progress, Silent};
 pub use recipe::{LightFieldOptions, Recipe, Recover, RecoveryOptions};
 pub use run::{Preview, Recovered, Run, Spectrum, Verdict, ViewRecord};

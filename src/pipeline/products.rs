@@ -14,6 +14,7 @@ use super::{brdf_products, material, record};
 use crate::angle::WorldAngle;
 use crate::brdf::fit::BrdfModels;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::light_field::encode;
 use crate::lighting::{
     Lighting, Source, SpectrumRow, environment::write_lat_long, write_spectrum, write_values,
@@ -46,9 +47,7 @@ impl<'a> Product<'a> {
     }
 
     fn bytes(name: &'static str, bytes: impl Fn() -> Result<Vec<u8>> + Send + Sync + 'a) -> Self {
-        Self::new(name, move |path| {
-            fs::write(path, bytes()?).map_err(|e| Error::write(path, e))
-        })
+        Self::new(name, move |path| files::write(path, &bytes()?))
     }
 }
 
@@ -313,6 +312,13 @@ impl Folder {
         let entries = match fs::read_dir(&self.path) {
             Ok(entries) => entries,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Found::Free),
+            Err(e) if e.kind() == std::io::ErrorKind::NotADirectory => {
+                return Err(Error::input(
+                    "expected a folder for the products, found a file or something under one",
+                )
+                .file(&self.path)
+                .advice("Give another folder with --out."));
+            }
             Err(e) => return Err(Error::read(&self.path, e)),
         };
         let names: Vec<String> = entries
@@ -322,9 +328,7 @@ impl Folder {
         if names.is_empty() {
             return Ok(Found::Free);
         }
-        let held: Option<Provenance> = fs::read(self.path.join(PROVENANCE))
-            .ok()
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        let held = read_provenance(&self.path.join(PROVENANCE));
         if !force
             && let Some(held) = &held
             && held.version == env!("CARGO_PKG_VERSION")
@@ -334,7 +338,7 @@ impl Folder {
             && held.capture == hash(capture_toml.as_bytes())
         {
             let whole = held.products.iter().all(|(name, expected)| {
-                fs::read(self.path.join(name)).is_ok_and(|bytes| hash(&bytes) == *expected)
+                files::bytes(&self.path.join(name)).is_ok_and(|bytes| hash(&bytes) == *expected)
             });
             // The same run, damaged: it is made again over what is left of it.
             return Ok(if whole { Found::Same } else { Found::Free });
@@ -366,43 +370,51 @@ impl Folder {
     /// If a file cannot be read or written; the former report is whole then.
     pub fn replace_report(&self, report: &str) -> Result<()> {
         let path = self.path.join(PROVENANCE);
-        let bytes = fs::read(&path).map_err(|e| Error::read(&path, e))?;
+        let bytes = files::bytes(&path)?;
         let mut held: Provenance =
             serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e))?;
         held.products
             .insert("report.html".into(), hash(report.as_bytes()));
         let text = serde_json::to_value(&held)
             .map_err(|e| Error::failed(format!("provenance cannot be written as JSON: {e}")))?;
-        write_whole(&self.path.join("report.html"), report.as_bytes())?;
-        write_whole(&path, &pretty(&text))
+        files::write_whole(&self.path.join("report.html"), report.as_bytes())?;
+        files::write_whole(&path, &pretty(&text))
     }
 
-    /// Writes all products: first into a folder of their own beside the final names, then each to its
-    /// name, `provenance.json` last.
+    /// Writes all products: first all into a folder of their own, flushed to the disk, `provenance.json` last; then each
+    /// to its name, `provenance.json` last. A process that ends in between leaves complete files of the former or of this run
+    /// only, and [`Folder::claim`] brings them to either the one or the other.
     ///
     /// # Errors
     /// If a file cannot be written; nothing of the folder has changed then unless the renaming itself failed.
     pub fn write(&self, run: &Run, report: &str) -> Result<()> {
-        fs::create_dir_all(&self.path).map_err(|e| Error::write(&self.path, e))?;
-        let staging = self.path.join(format!("{STAGING}-{}", std::process::id()));
-        let result = self.write_through(&staging, run, report);
-        // Left behind only if the process is killed; nothing reads it.
-        let removed = fs::remove_dir_all(&staging);
-        result?;
-        removed.map_err(|e| Error::write(&staging, e))
+        files::make_folder(&self.path)?;
+        let staging = self.staging();
+        if let Err(error) = self.stage(&staging, run, report) {
+            // Nothing reads what is left of it, if it cannot be removed either.
+            let _ = fs::remove_dir_all(&staging);
+            return Err(error);
+        }
+        self.commit(&staging)
     }
 
-    fn write_through(&self, staging: &Path, run: &Run, report: &str) -> Result<()> {
-        fs::create_dir_all(staging).map_err(|e| Error::write(staging, e))?;
+    fn staging(&self) -> PathBuf {
+        self.path.join(STAGING)
+    }
+
+    /// Writes all products into the staging folder.
+    fn stage(&self, staging: &Path, run: &Run, report: &str) -> Result<()> {
+        if staging.exists() {
+            fs::remove_dir_all(staging).map_err(|e| files::unwritten(staging, &e))?;
+        }
+        files::make_folder(staging)?;
         let products = products(run, report);
         let hashes: BTreeMap<String, String> = products
             .par_iter()
             .map(|product| {
                 let path = staging.join(product.name);
                 (product.write)(&path).map_err(|e| e.file(self.path.join(product.name)))?;
-                let bytes = fs::read(&path).map_err(|e| Error::write(&path, e))?;
-                flush(&path)?;
-                Ok((product.name.to_string(), hash(&bytes)))
+                Ok((product.name.to_string(), hash(&files::bytes(&path)?)))
             })
             .collect::<Result<_>>()?;
         let provenance = Provenance {
@@ -414,32 +426,128 @@ impl Folder {
             capture: hash(run.capture_toml.as_bytes()),
             products: hashes,
         };
-        let path = staging.join(PROVENANCE);
         let text = serde_json::to_value(&provenance)
             .map_err(|e| Error::failed(format!("provenance cannot be written as JSON: {e}")))?;
-        fs::write(&path, pretty(&text)).map_err(|e| Error::write(&path, e))?;
-        flush(&path)?;
+        files::flush_folder(staging)?;
+        // Whole, for its being there says that all others are.
+        files::write_whole(&staging.join(PROVENANCE), &pretty(&text))?;
+        files::flush_folder(staging)
+    }
+
+    /// Gives the staged products their names.
+    fn commit(&self, staging: &Path) -> Result<()> {
+        let file = staging.join(PROVENANCE);
+        let provenance: Provenance =
+            serde_json::from_slice(&files::bytes(&file)?).map_err(|e| Error::read(&file, e))?;
         // What an earlier run left and this one does not have must not be taken for its result.
-        let mut stale = vec![PROVENANCE];
-        stale.extend(
-            ALL_PRODUCTS
-                .iter()
-                .filter(|name| products.iter().all(|p| p.name != **name)),
-        );
-        for name in stale {
-            match fs::remove_file(self.path.join(name)) {
-                Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(Error::write(&self.path.join(name), e));
-                }
-                _ => {}
+        let staged = |name: &str| provenance.products.contains_key(name);
+        let stale = ALL_PRODUCTS.into_iter().filter(|name| !staged(name));
+        for name in [PROVENANCE].into_iter().chain(stale) {
+            files::remove(&self.path.join(name))?;
+        }
+        for name in provenance.products.keys() {
+            let from = staging.join(name);
+            // It has its name already if an earlier attempt was interrupted.
+            if from.exists() {
+                files::rename(&from, &self.path.join(name))?;
             }
         }
-        for name in products.iter().map(|p| p.name).chain([PROVENANCE]) {
-            let target = self.path.join(name);
-            fs::rename(staging.join(name), &target).map_err(|e| Error::write(&target, e))?;
-        }
-        flush(&self.path)
+        files::flush_folder(&self.path)?;
+        files::rename(&staging.join(PROVENANCE), &self.path.join(PROVENANCE))?;
+        files::flush_folder(&self.path)?;
+        // The products have their names; an empty folder that stays behind is removed by the next run.
+        let _ = fs::remove_dir_all(staging);
+        Ok(())
     }
+
+    /// Takes the folder for this process alone, until the value is dropped; makes it if it is not there, and finishes or
+    /// undoes what an interrupted run left half done. A folder that was made and stays empty is removed again.
+    ///
+    /// # Errors
+    /// If another process holds it, or it cannot be made or written to.
+    pub fn claim(&self) -> Result<Claim> {
+        if self.path.exists() && !self.path.is_dir() {
+            return Err(
+                Error::input("expected a folder for the products, found a file")
+                    .file(&self.path)
+                    .advice("Give another folder with --out."),
+            );
+        }
+        let made: Vec<PathBuf> = self
+            .path
+            .ancestors()
+            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
+            .map(Path::to_path_buf)
+            .collect();
+        // From here on what was made is removed again if it stays empty.
+        let mut claim = Claim { made, lock: None };
+        files::make_folder(&self.path).map_err(|e| {
+            // Before any work, a place that cannot be written to is a wrong request.
+            Error::input(e.to_string()).advice("Give a folder that you may write to with --out.")
+        })?;
+        if let Ok(folder) = fs::File::open(&self.path) {
+            match folder.try_lock() {
+                Ok(()) => claim.lock = Some(folder),
+                Err(fs::TryLockError::WouldBlock) => {
+                    claim.made.clear();
+                    return Err(Error::input("another flatlight is at work in this folder")
+                        .file(&self.path)
+                        .advice("Wait for it to end, or give another folder with --out."));
+                }
+                // A file system without locks.
+                Err(fs::TryLockError::Error(_)) => {}
+            }
+        }
+        self.repair()?;
+        Ok(claim)
+    }
+
+    /// Finishes the commit of an interrupted run whose products were all staged; removes what is left of one that had not come
+    /// so far.
+    fn repair(&self) -> Result<()> {
+        let staging = self.staging();
+        if !staging.exists() {
+            return Ok(());
+        }
+        let whole = |provenance: &Provenance| {
+            provenance.products.iter().all(|(name, expected)| {
+                let known = ALL_PRODUCTS.contains(&name.as_str());
+                let is = |folder: &Path| {
+                    files::bytes(&folder.join(name)).is_ok_and(|bytes| hash(&bytes) == *expected)
+                };
+                known && (is(&staging) || is(&self.path))
+            })
+        };
+        if read_provenance(&staging.join(PROVENANCE)).is_some_and(|p| whole(&p)) {
+            return self.commit(&staging);
+        }
+        fs::remove_dir_all(&staging).map_err(|e| files::unwritten(&staging, &e))
+    }
+}
+
+/// A folder that no other process may write to meanwhile.
+#[derive(Debug)]
+pub struct Claim {
+    /// Folders that were made for it, the innermost first.
+    made: Vec<PathBuf>,
+    /// Held for its lock, which ends with the process in any case.
+    lock: Option<fs::File>,
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        for folder in &self.made {
+            // Not if there is anything in it.
+            if fs::remove_dir(folder).is_err() {
+                break;
+            }
+        }
+        drop(self.lock.take());
+    }
+}
+
+fn read_provenance(path: &Path) -> Option<Provenance> {
+    serde_json::from_slice(&files::bytes(path).ok()?).ok()
 }
 
 /// Prefix of the folder in which products are written before they get their names.
@@ -463,23 +571,6 @@ const ALL_PRODUCTS: [&str; 14] = [
     "residual.exr",
 ];
 
-/// Writes a file whole or not at all.
-fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let attempt = || -> std::io::Result<()> {
-        let mut file = atomic_write_file::AtomicWriteFile::open(path)?;
-        std::io::Write::write_all(&mut file, bytes)?;
-        file.commit()
-    };
-    attempt().map_err(|e| Error::write(path, e))
-}
-
 fn hash(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
-}
-
-/// Forces a file or folder to the disk.
-fn flush(path: &Path) -> Result<()> {
-    fs::File::open(path)
-        .and_then(|f| f.sync_all())
-        .map_err(|e| Error::write(path, e))
 }

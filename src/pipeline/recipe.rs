@@ -6,6 +6,7 @@ use super::scale::ScaleDescription;
 use crate::brdf::Model;
 use crate::capture::table::{Section, Source};
 use crate::error::{Error, Result, nearest};
+use crate::files;
 use crate::lighting::LightingDescription;
 use crate::recover::lighting::Regularisation;
 
@@ -96,9 +97,8 @@ impl Recipe {
     /// All faults of the file at once: keys that are not known (with the nearest that is), values of the
     /// wrong type or out of range, facts that the recovery needs and that are missing.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| {
-            Error::read(path, e).advice("Give a recipe file, as those in the folder pipelines/.")
-        })?;
+        let text = files::text(path)
+            .map_err(|e| e.advice("Give a recipe file, as those in the folder pipelines/."))?;
         let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
         Self::parse(&text, path, &folder)
     }
@@ -165,7 +165,8 @@ impl Recipe {
             _ => {}
         }
         root.check_unknown();
-        let mut faults = source.into_faults();
+        let located = |e: Error| source.locate(&table, e);
+        let mut faults = Vec::new();
 
         // What materials and lights hold is read by their own modules.
         let plain: toml::Table = text.parse().unwrap_or_default();
@@ -173,7 +174,7 @@ impl Recipe {
         let brdf = match sub("brdf").map(Model::from_table).transpose() {
             Ok(brdf) => brdf,
             Err(e) => {
-                faults.push(e.file(path));
+                faults.push(located(e));
                 None
             }
         };
@@ -183,18 +184,20 @@ impl Recipe {
         {
             Ok(lighting) => lighting,
             Err(e) => {
-                faults.push(e.file(path));
+                faults.push(located(e));
                 None
             }
         };
         let scale = match sub("scale").map(ScaleDescription::from_toml).transpose() {
             Ok(scale) => scale.unwrap_or_default(),
             Err(e) => {
-                faults.push(e.file(path));
+                faults.push(located(e));
                 ScaleDescription::default()
             }
         };
-        match Error::all(faults) {
+        let mut all = source.into_faults();
+        all.append(&mut faults);
+        match Error::all(all) {
             Some(error) => Err(error),
             None => Ok(Self {
                 folder: folder.to_path_buf(),

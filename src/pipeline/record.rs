@@ -3,12 +3,12 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 
-use exr::prelude::{ReadChannels, ReadLayers, read};
-
 use super::run::Run;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::grid::Grid;
-use crate::light_field::{LightField, Part};
+use crate::light_field::LightField;
+use crate::photo::ExrPart;
 use crate::recover::Status;
 use crate::recover::brdf::BrdfEstimate;
 
@@ -30,9 +30,8 @@ pub fn text(run: &Run) -> Result<Vec<u8>> {
 /// If a file is missing, damaged, or of another version of this program.
 pub fn read_back(folder: &Path) -> Result<Run> {
     let path = folder.join(RECORD);
-    let bytes = std::fs::read(&path).map_err(|e| {
-        Error::read(&path, e).advice("Give the folder that `flatlight run` wrote with --out.")
-    })?;
+    let bytes = files::bytes(&path)
+        .map_err(|e| e.advice("Give the folder that `flatlight run` wrote with --out."))?;
     let mut run: Run = serde_json::from_slice(&bytes).map_err(|e| {
         Error::read(&path, e).advice("Run the recipe again with this version of the program.")
     })?;
@@ -50,30 +49,7 @@ pub fn read_back(folder: &Path) -> Result<Run> {
     Ok(run)
 }
 
-/// The first part of an EXR file.
-fn first_part(path: &Path) -> Result<Part> {
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .map_err(|e| Error::read(path, e))?;
-    let layer = image.layer_data;
-    Ok(Part {
-        size: [layer.size.0, layer.size.1],
-        planes: layer
-            .channel_data
-            .list
-            .iter()
-            .map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect()))
-            .collect(),
-        ..Part::default()
-    })
-}
-
-fn plane(part: &Part, name: &str, path: &Path) -> Result<Vec<f32>> {
+fn plane(part: &ExrPart, name: &str, path: &Path) -> Result<Vec<f32>> {
     part.planes
         .iter()
         .find(|(n, _)| n == name)
@@ -82,7 +58,7 @@ fn plane(part: &Part, name: &str, path: &Path) -> Result<Vec<f32>> {
 }
 
 fn light_field(path: &Path, channels: &[String]) -> Result<LightField> {
-    let part = first_part(path)?;
+    let part = ExrPart::read(path)?;
     let layer = |layer: &str| -> Result<Vec<Vec<f32>>> {
         channels
             .iter()
@@ -103,7 +79,7 @@ fn light_field(path: &Path, channels: &[String]) -> Result<LightField> {
 
 /// The arrays of a slice from `brdf.exr`; the bound is not part of it.
 fn fill(brdf: &mut BrdfEstimate, path: &Path) -> Result<()> {
-    let part = first_part(path)?;
+    let part = ExrPart::read(path)?;
     let n = brdf.size;
     if part.size != [n, n] {
         return Err(Error::input(format!(

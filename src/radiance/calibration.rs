@@ -124,16 +124,31 @@ pub(super) fn black(sensor: &Sensor, dark: Option<f32>) -> f64 {
 }
 
 fn frame(path: &Path, capture: &Capture, rows: Range<u32>) -> Result<Photo> {
-    let frame = photo::read(path, Some(rows))?;
-    if frame.size != capture.camera.image_size {
-        let [w, h] = capture.camera.image_size;
-        return Err(Error::input(format!(
-            "expected {w} x {h} pixels as the photos have, found {} x {}",
-            frame.size[0], frame.size[1]
-        ))
-        .file(path));
+    of_size(path, capture.camera.image_size, rows)
+}
+
+/// Rows of a photo, frame or mask, which must have the camera's image size.
+pub(super) fn of_size(path: &Path, size: [u32; 2], rows: Range<u32>) -> Result<Photo> {
+    let wrong = |found: [u32; 2]| {
+        let what = format!(
+            "expected {} x {} pixels, as camera.image_size says, found {} x {}",
+            size[0], size[1], found[0], found[1]
+        );
+        let error = Error::input(what).file(path);
+        if found == [size[1], size[0]] && found != size {
+            return error.advice("It lies on its side: turn it, or correct its orientation tag.");
+        }
+        error.advice("Photos, frames and masks of a capture have one size.")
+    };
+    match photo::read(path, Some(rows)) {
+        Ok(frame) if frame.size == size => Ok(frame),
+        Ok(frame) => Err(wrong(frame.size)),
+        // A smaller frame has no such rows.
+        Err(error) => Err(match photo::info(path) {
+            Ok(info) if info.size != size => wrong(info.size),
+            _ => error,
+        }),
     }
-    Ok(frame)
 }
 
 /// Mean over the columns about the middle of all rows of a block.

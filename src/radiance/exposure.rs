@@ -3,9 +3,10 @@
 use std::ops::Range;
 
 use super::calibration;
+use super::census::Census;
 use super::noise::Levels;
 use super::response::{Response, rounding};
-use crate::capture::{Capture, Photo as Shot};
+use crate::capture::{Capture, Encoding, Photo as Shot};
 use crate::error::{Error, Result};
 use crate::photo::{self, Photo, Storage};
 
@@ -28,6 +29,8 @@ pub(super) struct Exposure {
     pub levels: Vec<Levels>,
     /// How stored values became linear.
     pub response: Response,
+    /// Values that are no measurement.
+    pub census: Census,
 }
 
 impl Exposure {
@@ -37,20 +40,24 @@ impl Exposure {
     /// The photo cannot be read, or has not the camera's image size.
     pub(super) fn read(capture: &Capture, shot: &Shot, rows: &Range<u32>) -> Result<Self> {
         let path = capture.folder.join(&shot.file);
-        let photo = photo::read(&path, Some(rows.clone()))?;
-        if photo.size != capture.camera.image_size {
-            let [w, h] = capture.camera.image_size;
-            return Err(Error::input(format!(
-                "expected {w} x {h} pixels, found {} x {}",
-                photo.size[0], photo.size[1]
-            ))
-            .file(path)
-            .advice("All photos of a capture have the size that camera.image_size says."));
-        }
+        let photo = calibration::of_size(&path, capture.camera.image_size, rows.clone())?;
         let response = match &capture.sensor.encoding {
             Some(encoding) => Response::of(encoding, &capture.folder)?,
             None => Response::by_storage(photo.storage),
         };
+        if let (Some(Encoding::Response(file)), Response::Table { linear, .. }) =
+            (&capture.sensor.encoding, &response)
+            && linear.len() != 1
+            && linear.len() != photo.channels.len()
+        {
+            return Err(Error::input(format!(
+                "expected a response of 1 channel or of the {} channels {}, found {}",
+                photo.channels.len(),
+                photo.channels.join(", "),
+                linear.len()
+            ))
+            .file(capture.folder.join(file)));
+        }
         let seconds = match shot.exposure_s {
             Some(seconds) => seconds,
             None => photo::info(&path)?.shot.exposure_s.unwrap_or(1.0),
@@ -67,6 +74,7 @@ impl Exposure {
         dark: Option<&Photo>,
     ) -> Result<Self> {
         let storage = photo.storage;
+        let census = Census::of(&photo);
         let mut signal = photo.values;
         let sites = match storage {
             Storage::Sensor { .. } if signal.iter().flatten().any(|v| v.is_nan()) => Some(
@@ -139,6 +147,7 @@ impl Exposure {
             rounding: rounding_variance,
             levels,
             response,
+            census,
         })
     }
 }

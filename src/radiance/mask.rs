@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use super::Radiance;
+use super::calibration::of_size;
 use crate::capture::Capture;
 use crate::error::{Error, Result};
-use crate::photo::{self, Storage};
+use crate::photo::Storage;
 
 /// The radiance of view `index` with the pixels missing that the masks of the set and of the view exclude;
 /// `None` if there is no mask. White is used; what is darker than half is not.
@@ -35,15 +36,7 @@ pub fn masked(capture: &Capture, index: usize, radiance: &Radiance) -> Result<Op
 
 /// Which pixels of the radiance's rows a mask lets be used.
 fn used(path: &Path, radiance: &Radiance) -> Result<Vec<bool>> {
-    let mask = photo::read(path, Some(radiance.rows.clone()))?;
-    if mask.size != radiance.size {
-        let [w, h] = radiance.size;
-        return Err(Error::input(format!(
-            "expected a mask of {w} x {h} pixels as the photos have, found {} x {}",
-            mask.size[0], mask.size[1]
-        ))
-        .file(path));
-    }
+    let mask = of_size(path, radiance.size, radiance.rows.clone())?;
     let half = match mask.storage {
         Storage::Integer { max } => max as f32 / 2.0,
         Storage::Sensor { white, .. } => white as f32 / 2.0,

@@ -14,6 +14,7 @@ use super::Radiance;
 use super::align;
 use super::brackets;
 use super::calibration;
+use super::census::Census;
 use super::exposure::Exposure;
 use super::filters;
 use super::motion::{self, Shift};
@@ -22,6 +23,7 @@ use super::recovery;
 use super::smooth;
 use crate::capture::{Capture, Encoding, View};
 use crate::error::{Error, Result};
+use crate::photo::Storage;
 
 /// How far, in standard deviations, a pixel's expected signal stays away from where it would be
 /// clipped: closer, the exposures that happen to be unclipped are low by selection (at 3σ by
@@ -38,6 +40,10 @@ pub struct Developed {
     pub radiance: Radiance,
     /// By photo, in the view's order.
     pub exposures: Vec<Found>,
+    /// How the photos store their values.
+    pub storage: Storage,
+    /// Stored values that are no measurement, of all photos.
+    pub census: Census,
 }
 
 /// What a view's brackets say of one of its exposures.
@@ -161,7 +167,11 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
     }
     let (value, variance) = merged.into_iter().unzip();
     let shifts = shifts.unwrap_or_else(|| vec![Shift::default(); exposures.len()]);
+    let mut census = Census::default();
+    exposures.iter().for_each(|e| census.add(&e.census));
     Ok(Developed {
+        storage: first.storage,
+        census,
         radiance: Radiance {
             size: capture.camera.image_size,
             rows,

@@ -14,6 +14,7 @@
 mod align;
 mod brackets;
 mod calibration;
+mod census;
 mod curve;
 mod exposure;
 mod filters;
@@ -31,6 +32,7 @@ mod tests;
 
 use std::ops::Range;
 
+pub use census::{Census, Odd};
 pub use mask::masked;
 pub use merge::{Developed, Found, develop, view};
 pub use motion::Shift;

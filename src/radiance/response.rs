@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::capture::Encoding;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::photo::Storage;
 
 /// The largest response table that is read, bytes.
@@ -66,15 +67,7 @@ impl Response {
 
     /// Reads `value,linear` or `value,linear_R,linear_G,…`: a header line, then numbers.
     fn read(file: &Path) -> Result<Self> {
-        let about = std::fs::metadata(file).map_err(|cause| Error::read(file, cause))?;
-        if about.len() > LARGEST_TABLE {
-            return Err(Error::input(format!(
-                "expected a table of at most {LARGEST_TABLE} bytes, found {}",
-                about.len()
-            ))
-            .file(file));
-        }
-        let text = std::fs::read_to_string(file).map_err(|cause| Error::read(file, cause))?;
+        let text = files::text_up_to(file, LARGEST_TABLE)?;
         let mut lines = text.lines().enumerate();
         let columns = lines
             .next()

@@ -7,6 +7,7 @@ use crate::brdf::Model;
 use crate::capture::table::{Section, Source};
 use crate::capture::{Camera, Encoding, Object, Sensor, file};
 use crate::error::{Error, Result, nearest};
+use crate::files;
 use crate::lighting::LightingDescription;
 
 /// Most values of a picture: a gigabyte as float.
@@ -150,9 +151,8 @@ impl Recipe {
     /// All faults of the file at once: keys that are not known (with the nearest that is), values of the
     /// wrong type or out of range, facts that are missing or contradict each other.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| {
-            Error::read(path, e).advice("Give a recipe file, as pipelines/simulate.toml.")
-        })?;
+        let text = files::text(path)
+            .map_err(|e| e.advice("Give a recipe file, as pipelines/simulate.toml."))?;
         let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
         Self::parse(&text, path, &folder)
     }
@@ -211,14 +211,16 @@ impl Recipe {
             }
         }
         root.check_unknown();
-        let mut errors = source.into_faults();
+        let mut errors = Vec::new();
         let plain: toml::Table = text.parse().unwrap_or_default();
         let sub = |key: &str| plain.get(key).and_then(toml::Value::as_table);
-        let mut keep = |e: Error| errors.push(e.file(path));
+        let mut keep = |e: Error| errors.push(source.locate(&table, e));
         let brdf = sub("brdf").and_then(|t| Model::from_table(t).map_err(&mut keep).ok());
         let lighting =
             sub("lighting").and_then(|t| LightingDescription::from_toml(t).map_err(&mut keep).ok());
-        match (Error::all(errors), described, brdf, lighting) {
+        let mut all = source.into_faults();
+        all.append(&mut errors);
+        match (Error::all(all), described, brdf, lighting) {
             (Some(error), ..) => Err(error),
             (None, Some((object, camera)), Some(brdf), Some(lighting)) => Ok(Self {
                 folder: folder.to_path_buf(),

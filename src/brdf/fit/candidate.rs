@@ -169,6 +169,12 @@ impl Candidate {
         Self { family, slots }
     }
 
+    /// Whether it is a form of `family`.
+    #[cfg(test)]
+    pub(super) fn is_of(&self, family: Family) -> bool {
+        self.family == family
+    }
+
     /// The model with a value for each slot.
     fn build(&self, values: &[f64]) -> Layered {
         let n = self.slots.len() - 2;

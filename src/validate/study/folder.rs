@@ -2,10 +2,8 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use atomic_write_file::AtomicWriteFile;
 use serde::{Deserialize, Serialize};
 
 use super::{Cell, Outcome};
@@ -108,10 +106,7 @@ impl StudyFolder {
 }
 
 fn write_whole(path: &Path, text: &str) -> Result<()> {
-    let mut file = AtomicWriteFile::open(path).map_err(|e| Error::write(path, e))?;
-    file.write_all(text.as_bytes())
-        .map_err(|e| Error::write(path, e))?;
-    file.commit().map_err(|e| Error::write(path, e))
+    crate::files::write_whole(path, text.as_bytes())
 }
 
 /// `validation.csv`: a row per cell. A number that does not exist is an empty field.

@@ -90,8 +90,8 @@ impl StudyRecipe {
     /// # Errors
     /// If the file cannot be read, is not TOML, holds an unknown key, or names, numbers or descriptions that do not fit.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| Error::read(path, e).advice("Try pipelines/validate.toml."))?;
+        let text =
+            crate::files::text(path).map_err(|e| e.advice("Try pipelines/validate.toml."))?;
         Self::parse(&text).map_err(|e| e.file(path))
     }
 
