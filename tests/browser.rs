@@ -148,7 +148,11 @@ fn inspect(browser: &Path, work: &Path, page: &Path, width: u32) {
             100.0 * ink
         );
     }
-    if let Some(cursor) = seen["cursor"].as_str() {
+    // Of a run, not of a comparison, whose image of the same name knows no views.
+    if let Some(cursor) = seen["cursor"]
+        .as_str()
+        .filter(|_| page.ends_with("report.html"))
+    {
         for word in ["α", "θo′", "±", "view ", "pixel"] {
             assert!(cursor.contains(word), "{name}: {word} in {cursor}");
         }
