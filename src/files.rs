@@ -1,6 +1,6 @@
 //! Files in and out: what is read is a regular file of bounded size, what is written is there whole or not at all.
 //!
-//! Every call on the file system that a run's products depend on goes through [`call`] in builds with debug assertions, where
+//! Every call on the file system that a run's products depend on goes through `call` in builds with debug assertions, where
 //! a test can make the n-th of them fail; in releases `call` is nothing.
 
 use std::fs::{self, File};
