@@ -43,7 +43,8 @@ pub fn photos(run: &Run) -> Result<Option<Figure>> {
         id: "photos",
         title: "Photographs and what was found in them",
         caption: "Solid, orange: the outline of the object. Dashed, blue: the line of the cross-section along which was measured. \
-                  Lightened band between the white lines: the rows that were averaged. Brightness is for the eye only."
+                  Lightened band between the white lines: the rows that were averaged. \
+                  Striped: pixels that a mask, or clipping in every exposure, leaves out. Brightness is for the eye only."
             .to_owned(),
         panels: vec![Panel {
             name: String::new(),
