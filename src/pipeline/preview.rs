@@ -7,6 +7,9 @@ use crate::radiance::Radiance;
 /// Largest width of a preview, pixels.
 const WIDTH: u32 = 480;
 
+/// Rows at which the outline is drawn: those of a whole sphere look round.
+const ROWS: u32 = 64;
+
 /// Stripes of this width (preview pixels) and colour, on black, mark what masks or clipping leave out: the reddish purple of Okabe
 /// and Ito's colours, which no photograph of light on a material has in stripes.
 const STRIPE: u32 = 4;
@@ -25,9 +28,9 @@ pub fn preview(view: usize, radiance: &Radiance, geometry: &ViewGeometry, reach:
     let outline = Side::BOTH
         .iter()
         .map(|&side| {
-            (0..=8)
+            (0..=ROWS)
                 .filter_map(|k| {
-                    let row = top + f64::from(rows) * f64::from(k) / 8.0;
+                    let row = top + f64::from(rows) * f64::from(k) / f64::from(ROWS);
                     Some(to_preview([geometry.limb_at_row(row, side)?, row]))
                 })
                 .collect()

@@ -12,6 +12,9 @@ use crate::report::table::{Cell, Table};
 /// At most this many photos are put into the page.
 const SHOWN: usize = 6;
 
+/// Slope of the measured line (degrees) from which it is a rolled plane's and not the lens's.
+const LEAST_ROLL: f64 = 2.0;
+
 /// Photos with outline, measured line and rows drawn over them; `None` if there is no preview.
 ///
 /// # Errors
@@ -77,20 +80,41 @@ fn draw(preview: &Preview, words: &str) -> Result<String> {
     let photo = photo_uri(preview)?;
     let [first, last] = preview.measured_rows;
     let rows = (last - first).max(0.0);
+    // The band lies along a plane that was rolled; else it is rows of the photo.
+    let roll = match preview.measured_line.as_slice() {
+        [from, .., to] => (to[1] - from[1]).atan2(to[0] - from[0]).to_degrees(),
+        _ => 0.0,
+    };
+    let roll = if roll.abs() < LEAST_ROLL { 0.0 } else { roll };
+    let middle = preview
+        .measured_line
+        .iter()
+        .fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]])
+        .map(|sum| sum / preview.measured_line.len().max(1) as f64);
+    let reach = f64::from(width.max(height));
+    let (left, length) = (middle[0] - 2.0 * reach, 4.0 * reach);
     let mut over = String::new();
     let _ = write!(
         over,
-        "<rect class=\"rows\" x=\"0\" y=\"{}\" width=\"{width}\" height=\"{}\"/>",
+        "<g transform=\"rotate({} {} {})\"><rect class=\"rows\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/>",
+        coordinate(roll),
+        coordinate(middle[0]),
+        coordinate(middle[1]),
+        coordinate(left),
         coordinate(first),
+        coordinate(length),
         coordinate(rows)
     );
     for y in [first, last] {
         let _ = write!(
             over,
-            "<path class=\"row-edge\" d=\"M0 {0}H{width}\"/>",
-            coordinate(y)
+            "<path class=\"row-edge\" d=\"M{} {}h{}\"/>",
+            coordinate(left),
+            coordinate(y),
+            coordinate(length)
         );
     }
+    over += "</g>";
     for (lines, class) in [
         (preview.outline.as_slice(), "outline"),
         (std::slice::from_ref(&preview.measured_line), "measured"),
