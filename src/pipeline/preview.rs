@@ -82,7 +82,7 @@ fn colours(radiance: &Radiance, step: u32, size: [u32; 2]) -> Vec<u8> {
                 (count > 0.0).then_some(sum / count)
             };
             match [cell(shown[0]), cell(shown[1]), cell(shown[2])] {
-                [None, None, None] => rgb.extend(if (x + y) / STRIPE % 2 == 0 {
+                [None, None, None] => rgb.extend(if ((x + y) / STRIPE).is_multiple_of(2) {
                     LEFT_OUT
                 } else {
                     [0; 3]
