@@ -6,10 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::information::Information;
 use super::prior::{Factor, Precision};
-use crate::Result;
-
-/// Most exchanges between the coefficients that are held and those that are free; it takes 5 to 20.
-const ROUNDS: usize = 80;
+use crate::{Error, Result};
 
 /// Full exchanges that may fail to bring the number of wrong ones down.
 const PATIENCE: usize = 5;
@@ -141,66 +138,174 @@ impl Free {
 /// is pressed against 0; `None` if none is.
 ///
 /// With a set of coefficients held at 0 the others follow by their covariance, x + C_{·a} λ with C_{aa} λ = −x_a. Held ones
-/// with λ < 0 are released and free ones below 0 held, all at once, until there is none; if their number does not come down,
-/// one at a time, which is certain to end (block principal pivoting: Portugal, Júdice and Vicente, "A comparison of block
-/// pivoting and interior-point algorithms for linear least squares problems with nonnegative variables", Mathematics of
-/// Computation 63, 1994).
+/// with λ < 0 are released and free ones below 0 held, all at once, until there is none (block principal pivoting: Portugal,
+/// Júdice and Vicente, "A comparison of block pivoting and interior-point algorithms for linear least squares problems with
+/// nonnegative variables", Mathematics of Computation 63, 1994). If their number does not come down, as with coefficients that
+/// the samples hardly tell apart, the forces are led down the dual problem ½ λᵀCλ + xᵀλ, λ ≥ 0, which is certain to end (Lawson and Hanson,
+/// Solving Least Squares Problems, 1974, ch. 23).
 fn hold_non_negative(covariance: &Mat<f64>, x: &mut [f64]) -> Result<Option<Vec<f64>>> {
-    let sigma: Vec<f64> = (0..x.len()).map(|i| covariance[(i, i)].sqrt()).collect();
-    let mut held: Vec<bool> = x.iter().map(|v| *v < 0.0).collect();
-    if !held.contains(&true) {
+    if x.iter().all(|v| *v >= 0.0) {
         return Ok(None);
     }
-    let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
-    let mut force = vec![0.0; x.len()];
+    let mut held = Held::new(covariance, x);
+    if !held.exchange()? {
+        held.descend()?;
+    }
+    let Held { held, force, .. } = held;
+    let moved = moved(covariance, x, &force);
+    for ((x, v), held) in x.iter_mut().zip(moved).zip(held) {
+        *x = if held { 0.0 } else { v.max(0.0) };
+    }
+    Ok(Some(force.into_iter().map(|f| f.max(0.0)).collect()))
+}
+
+/// x + C λ.
+fn moved(covariance: &Mat<f64>, x: &[f64], force: &[f64]) -> Vec<f64> {
     let mut moved = x.to_vec();
-    for _ in 0..ROUNDS {
-        let active: Vec<usize> = (0..x.len()).filter(|&i| held[i]).collect();
+    for (k, &f) in force.iter().enumerate().filter(|(_, f)| **f != 0.0) {
+        for (v, c) in moved.iter_mut().zip(covariance.col(k).iter()) {
+            *v += c * f;
+        }
+    }
+    moved
+}
+
+/// Which coefficients are held at 0.
+struct Held<'a> {
+    covariance: &'a Mat<f64>,
+    /// The estimate without constraint, and its σ.
+    free: &'a [f64],
+    sigma: Vec<f64>,
+    held: Vec<bool>,
+    /// λ; 0 of those that are free.
+    force: Vec<f64>,
+}
+
+impl<'a> Held<'a> {
+    /// Those that are below 0.
+    fn new(covariance: &'a Mat<f64>, free: &'a [f64]) -> Self {
+        Self {
+            covariance,
+            free,
+            sigma: (0..free.len()).map(|i| covariance[(i, i)].sqrt()).collect(),
+            held: free.iter().map(|v| *v < 0.0).collect(),
+            force: vec![0.0; free.len()],
+        }
+    }
+
+    fn active(&self) -> Vec<usize> {
+        (0..self.held.len()).filter(|&i| self.held[i]).collect()
+    }
+
+    /// λ of the `active` ones that brings them to 0.
+    fn bring_to_zero(&self, active: &[usize]) -> Result<Vec<f64>> {
+        if active.is_empty() {
+            return Ok(Vec::new());
+        }
         let part = Mat::from_fn(active.len(), active.len(), |i, j| {
-            covariance[(active[i], active[j])]
+            self.covariance[(active[i], active[j])]
         });
-        let right: Vec<f64> = active.iter().map(|&i| -x[i]).collect();
-        let lambda = Factor::new(&part)?.solve_vector(&right);
-        force.fill(0.0);
-        moved.copy_from_slice(x);
-        for (&k, l) in active.iter().zip(&lambda) {
-            force[k] = *l;
-            for (v, c) in moved.iter_mut().zip(covariance.col(k).iter()) {
-                *v += c * l;
+        let right: Vec<f64> = active.iter().map(|&i| -self.free[i]).collect();
+        Ok(Factor::new(&part)?.solve_vector(&right))
+    }
+
+    /// How far each free one is below 0, in σ.
+    fn violations(&self) -> Vec<f64> {
+        let moved = moved(self.covariance, self.free, &self.force);
+        (0..moved.len())
+            .map(|i| match self.held[i] {
+                true => 0.0,
+                false => -moved[i] / self.sigma[i],
+            })
+            .collect()
+    }
+
+    /// Exchanges all that are wrong until none is; `false` if their number does not come down.
+    fn exchange(&mut self) -> Result<bool> {
+        let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
+        while patience > 0 {
+            let active = self.active();
+            let force = self.bring_to_zero(&active)?;
+            self.force.fill(0.0);
+            for (&k, l) in active.iter().zip(force) {
+                self.force[k] = l;
+            }
+            let below = self.violations();
+            let wrong: Vec<usize> = (0..below.len())
+                .filter(|&i| {
+                    if self.held[i] {
+                        self.force[i] * self.sigma[i] < -NEGLIGIBLE
+                    } else {
+                        below[i] > NEGLIGIBLE
+                    }
+                })
+                .collect();
+            if wrong.is_empty() {
+                return Ok(true);
+            }
+            if wrong.len() < fewest {
+                fewest = wrong.len();
+                patience = PATIENCE;
+            } else {
+                patience -= 1;
+            }
+            for i in wrong {
+                self.held[i] = !self.held[i];
             }
         }
-        let wrong: Vec<usize> = (0..x.len())
-            .filter(|&i| {
-                if held[i] {
-                    force[i] * sigma[i] < -NEGLIGIBLE
-                } else {
-                    moved[i] < -NEGLIGIBLE * sigma[i]
+        Ok(false)
+    }
+
+    /// Holds those below 0 one after the other, the worst first, and releases those whose force comes to 0 on the way.
+    fn descend(&mut self) -> Result<()> {
+        for (force, held) in self.force.iter_mut().zip(&mut self.held) {
+            *held = *force > 0.0;
+            *force = force.max(0.0);
+        }
+        // Whose violation is less than rounding: held, they would be pulled at once.
+        let mut rounded = vec![false; self.held.len()];
+        // Each round holds one; few are released again.
+        let mut last = None;
+        for _ in 0..2 * self.held.len() {
+            loop {
+                let active = self.active();
+                let wanted = self.bring_to_zero(&active)?;
+                // As far towards it as no force becomes a pull.
+                let share = active
+                    .iter()
+                    .zip(&wanted)
+                    .filter(|(_, w)| **w <= 0.0)
+                    .map(|(&k, w)| self.force[k] / (self.force[k] - w))
+                    .fold(1.0, f64::min);
+                let mut released = false;
+                for (&k, w) in active.iter().zip(&wanted) {
+                    let to = self.force[k] + share * (w - self.force[k]);
+                    let gone = share < 1.0 && *w <= 0.0 && to * self.sigma[k] < NEGLIGIBLE;
+                    self.force[k] = if gone { 0.0 } else { to.max(0.0) };
+                    self.held[k] = !gone;
+                    released |= gone;
                 }
-            })
-            .collect();
-        if wrong.is_empty() {
-            break;
+                if !released {
+                    break;
+                }
+            }
+            if let Some(i) = last.filter(|&i: &usize| !self.held[i]) {
+                rounded[i] = true;
+            }
+            let below = self.violations();
+            last = (0..below.len())
+                .filter(|&i| !rounded[i] && below[i] > NEGLIGIBLE)
+                .max_by(|&i, &j| below[i].total_cmp(&below[j]));
+            match last {
+                Some(i) => self.held[i] = true,
+                None => return Ok(()),
+            }
         }
-        if wrong.len() < fewest {
-            fewest = wrong.len();
-            patience = PATIENCE;
-        } else {
-            patience = patience.saturating_sub(1);
-        }
-        let exchanged = if patience > 0 {
-            &wrong[..]
-        } else {
-            &wrong[wrong.len() - 1..]
-        };
-        for &i in exchanged {
-            held[i] = !held[i];
-        }
+        Err(
+            Error::failed("the non-negative estimate of the BRDF was not found")
+                .advice("Set recover.non_negative = false, or a stronger smoothness."),
+        )
     }
-    for (i, (x, v)) in x.iter_mut().zip(&moved).enumerate() {
-        *x = if held[i] { 0.0 } else { v.max(0.0) };
-        force[i] = force[i].max(0.0);
-    }
-    Ok(Some(force))
 }
 
 /// What the curvature of a barrier −[`BARRIER`]·ln x adds to the precision of a coefficient whose constrained
@@ -232,4 +337,68 @@ pub fn variance(functional: &[(usize, f64)], covariance: &Mat<f64>) -> f64 {
         sum += v * (2.0 * above + v * column[j]);
     }
     sum.max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Coefficients that the samples hardly tell apart: smooth fields over `len` places with correlation length `width` places.
+    fn smooth_field(len: usize, width: f64) -> Mat<f64> {
+        Mat::from_fn(len, len, |i, j| {
+            let apart = (i as f64 - j as f64) / width;
+            (-0.5 * apart * apart).exp() + if i == j { 1e-5 } else { 0.0 }
+        })
+    }
+
+    fn ripples(len: usize, seed: u64) -> Vec<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let steps: Vec<f64> = (0..len).map(|_| rng.random::<f64>() - 0.5).collect();
+        steps
+            .windows(3)
+            .map(|w| w.iter().sum::<f64>())
+            .chain([0.1, -0.1])
+            .collect()
+    }
+
+    /// The conditions of Karush, Kuhn and Tucker, which only the nearest non-negative estimate fulfils.
+    fn assert_nearest(covariance: &Mat<f64>, free: &[f64]) {
+        let mut x = free.to_vec();
+        let force = hold_non_negative(covariance, &mut x)
+            .unwrap()
+            .expect("some are below 0");
+        let moved = moved(covariance, free, &force);
+        let largest = force.iter().fold(0.0f64, |m, f| m.max(f.abs()));
+        for (i, (x, f)) in x.iter().zip(&force).enumerate() {
+            assert!(*x >= 0.0 && *f >= 0.0, "{i}: {x} {f}");
+            assert!(*x == 0.0 || *f == 0.0, "{i}: {x} {f}");
+            // Rounding of sums of forces of this size.
+            assert!(
+                (x - moved[i]).abs() < 2e-6 + 1e-12 * largest,
+                "{i}: {x} {}",
+                moved[i]
+            );
+        }
+    }
+
+    #[test]
+    fn the_nearest_non_negative_estimate_is_found_where_exchanging_all_at_once_goes_in_circles() {
+        let covariance = smooth_field(150, 4.0);
+        let mut circles = 0;
+        for seed in 0..20 {
+            let free = ripples(150, seed);
+            let mut held = Held::new(&covariance, &free);
+            circles += usize::from(!held.exchange().unwrap());
+            assert_nearest(&covariance, &free);
+        }
+        assert!(circles > 0);
+    }
+
+    #[test]
+    fn an_estimate_that_is_non_negative_stays_as_it_is() {
+        let mut x = vec![0.0, 1.0, 2.0];
+        let covariance = smooth_field(3, 1.0);
+        assert!(hold_non_negative(&covariance, &mut x).unwrap().is_none());
+        assert_eq!(x, [0.0, 1.0, 2.0]);
+    }
 }
