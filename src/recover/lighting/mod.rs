@@ -15,6 +15,7 @@ mod mixture;
 pub mod positivity;
 mod prior;
 mod sources;
+mod without_negative;
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
