@@ -32,6 +32,12 @@ use methods::Passage;
 use results::ResultTable;
 pub use validation::validation;
 
+/// Values under the pointer, larger parts of plots, sorted tables.
+const SCRIPT: &str = concat!(
+    include_str!("template/zoom.js"),
+    include_str!("template/script.js")
+);
+
 /// The page as the template takes it.
 #[derive(Template)]
 #[template(path = "page.html", config = "src/report/template/askama.toml")]
@@ -90,7 +96,7 @@ pub fn page(run: &Run) -> Result<String> {
         capture: &run.capture_name,
         version: &run.version,
         style: include_str!("template/style.css"),
-        script: include_str!("template/script.js"),
+        script: SCRIPT,
         gradients: plot::ColourMap::gradients(),
         warnings: &run.warnings,
         findings: &run.findings,
