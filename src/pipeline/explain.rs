@@ -1,6 +1,6 @@
 //! What a run says in words: what is known, what is not, and what to distrust.
 
-use super::fit::{DOUBTFUL, REFUSED};
+use super::fit::{VIOLATION_DOUBTFUL, VIOLATION_REFUSED};
 use super::joint::ChannelGauge;
 use super::material::share;
 use super::measure::Measured;
@@ -32,18 +32,38 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
         .iter()
         .zip(&measured.samples.channels)
         .filter_map(|(fit, name)| {
-            let percent = 100.0 * fit.unexplained;
-            match fit.verdict {
-                Verdict::Explained => None,
-                Verdict::Doubtful => Some(format!(
-                    "Channel {name}: the best {result} leaves {percent:.1} % of the light field unexplained beyond the noise (below {:.0} % is usual). Errors of that order are not in the error bars. Likely causes: {causes}.",
-                    100.0 * DOUBTFUL
-                )),
-                Verdict::Refused => Some(format!(
-                    "Channel {name}: the best {result} leaves {percent:.0} % of the light field unexplained beyond the noise (more than {:.0} %). No {result} is given as a measurement: every value is marked indeterminate. Likely causes: {causes}.",
-                    100.0 * REFUSED
-                )),
+            if fit.verdict == Verdict::Explained {
+                return None;
             }
+            let percent = 100.0 * fit.unexplained;
+            let violation = fit.violation.unwrap_or(0.0);
+            let [doubtful, refused] = fit.limits;
+            let (limit, of_violation, usual) = match fit.verdict {
+                Verdict::Refused => (refused, VIOLATION_REFUSED, "more than"),
+                _ => (doubtful, VIOLATION_DOUBTFUL, "usual is below"),
+            };
+            let mut found = Vec::new();
+            if fit.unexplained > limit || !fit.unexplained.is_finite() {
+                found.push(format!(
+                    "the best {result} leaves {percent:.1} % of the light field unexplained beyond the noise ({usual} {:.1} %)",
+                    100.0 * limit
+                ));
+            }
+            if violation > of_violation {
+                found.push(format!(
+                    "{:.2} % of the light field is unexplained beyond the noise by any light and any reciprocal BRDF ({usual} {:.2} %), which reaches the BRDF magnified many times",
+                    100.0 * violation,
+                    100.0 * of_violation
+                ));
+            }
+            let consequence = match fit.verdict {
+                Verdict::Refused => format!("No {result} is given as a measurement: every value is marked indeterminate."),
+                _ => "Errors of that order, or larger ones, are not in the error bars.".into(),
+            };
+            Some(format!(
+                "Channel {name}: {}. {consequence} Likely causes: {causes}.",
+                found.join(", and ")
+            ))
         })
         .collect()
 }
