@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::causes::{Causes, causes};
 use super::measure::Measured;
 use super::run::Verdict;
 use crate::angle::NormalAngle;
@@ -25,18 +26,15 @@ pub const REFUSED: f64 = 0.06;
 pub const VIOLATION_DOUBTFUL: f64 = 0.0004;
 /// As [`VIOLATION_DOUBTFUL`].
 pub const VIOLATION_REFUSED: f64 = 0.001;
-/// Mean squared residual, in units of the samples' variance, above which what a lighting leaves unexplained is structure and no noise:
-/// honest sets leave 2.6 at most (the edge of a wide lamp, 0.01 % unexplained), light from out of the plane on a Phong lobe of exponent 8 leaves 20 to
-/// 120.
-pub const STRUCTURE: f64 = 2.0;
-/// Unexplained share, where it is structure, above which a lighting is doubtful, and above which it is refused.
+/// What a lighting leaves that is the model's own ([`Causes::structure`]), relative to the measured values, above which it is doubtful, and above
+/// which it is refused.
 ///
-/// What a wrong BRDF leaves reaches the light magnified: with an exponent of 7 to 16 in place of 8 and of 28 to 40 in place of 32, and with a diffuse part that
+/// It reaches the light magnified: with an exponent of 7 to 16 in place of 8 and of 28 to 40 in place of 32, and with a diffuse part that
 /// is a third too dark, the determined frequencies of the light were wrong by 4 to 19 times the share that was left, ten times in the
-/// middle; 1 % left went with lights 7 to 16 % wrong.
-pub const LIGHT_DOUBTFUL: f64 = 0.003;
-/// As [`LIGHT_DOUBTFUL`].
-pub const LIGHT_REFUSED: f64 = 0.012;
+/// middle.
+pub const STRUCTURE_DOUBTFUL: f64 = 0.003;
+/// As [`STRUCTURE_DOUBTFUL`].
+pub const STRUCTURE_REFUSED: f64 = 0.009;
 /// Residual, relative to the largest radiance, that is taken for no noise if the photos show no limb, or more than one object.
 pub const NOISE_OR_NOTHING: f64 = 0.05;
 /// Frequencies of continuous light that are carried into a prediction: the lobes that photographs resolve pass no more.
@@ -53,12 +51,12 @@ pub struct FitQuality {
     pub chi2: f64,
     /// Root mean square of what is left beyond the stated noise, relative to that of the measured values.
     pub unexplained: f64,
-    /// Unexplained shares above which the result is doubtful, and refused.
-    #[serde(default = "usual_limits")]
-    pub limits: [f64; 2],
     /// The part of the light field that breaks reciprocity beyond the noise, whatever the light; of a recovery of both.
     #[serde(default)]
     pub violation: Option<f64>,
+    /// What the residual looks like.
+    #[serde(default)]
+    pub causes: Causes,
     /// What follows for the result.
     pub verdict: Verdict,
 }
@@ -90,16 +88,12 @@ pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality
                 residual_relative: residual_rms / largest.max(f64::MIN_POSITIVE),
                 chi2: chi2 / n,
                 unexplained,
-                limits: usual_limits(),
                 violation: None,
-                verdict: verdict(unexplained, usual_limits()),
+                causes: causes(samples, &predicted[c], c),
+                verdict: verdict(unexplained, [DOUBTFUL, REFUSED]),
             }
         })
         .collect()
-}
-
-fn usual_limits() -> [f64; 2] {
-    [DOUBTFUL, REFUSED]
 }
 
 /// Explained up to the first limit, refused above the second.
@@ -120,12 +114,13 @@ impl FitQuality {
         self.verdict = self.verdict.max(own);
     }
 
-    /// Judges a lighting, which a residual reaches magnified.
+    /// Judges a lighting, which takes up what is the model's own and nothing else.
     pub fn judge_lighting(&mut self) {
-        if self.chi2 > STRUCTURE {
-            self.limits = [LIGHT_DOUBTFUL, LIGHT_REFUSED];
-            self.verdict = verdict(self.unexplained, self.limits);
-        }
+        let own = verdict(
+            self.causes.structure,
+            [STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED],
+        );
+        self.verdict = self.verdict.max(own);
     }
 }
 
