@@ -9,7 +9,17 @@ use serde::{Deserialize, Serialize};
 
 /// An angle brought into [−π, π).
 pub fn wrap(radians: f64) -> f64 {
-    let turned = (radians + PI).rem_euclid(TAU) - PI;
+    let shifted = radians + PI;
+    // Most angles are in the range or one turn off it: the same without a division.
+    let turned = if (0.0..TAU).contains(&shifted) {
+        shifted
+    } else if (-TAU..0.0).contains(&shifted) {
+        shifted + TAU
+    } else if (TAU..2.0 * TAU).contains(&shifted) {
+        shifted - TAU
+    } else {
+        shifted.rem_euclid(TAU)
+    } - PI;
     // `rem_euclid` may round up to a full turn for tiny negative arguments.
     if turned >= PI { -PI } else { turned }
 }

@@ -110,6 +110,14 @@ fn a_metal_under_two_suns_gives_light_and_material() {
         let gauge = &run.gauge[c];
         assert!(gauge.ratios_difference > 3.0 * error, "{gauge:?}");
         assert_eq!(gauge.components.len(), 1);
+        // For a renderer the suns must not ring below zero, and what is cut off must not make the light brighter: p ≤ 12 as recovered.
+        let shown = run.lighting.as_ref().expect("a light").without_negative();
+        assert!(shown.table[c].iter().all(|l| *l >= 0.0));
+        let (found, recovered) = (shown.series(c, 12), &channel.spectrum);
+        for (p, l) in recovered.iter().enumerate().take(13) {
+            let off = (found.get(p as i64) - l.value).norm() / recovered[0].value.norm();
+            assert!(off < 2e-3, "channel {c}, p = {p}: {off}");
+        }
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
     Folder::new(folder.path())

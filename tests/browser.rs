@@ -158,9 +158,10 @@ fn inspect(browser: &Path, work: &Path, page: &Path, width: u32) {
         }
     }
     println!(
-        "{name}: {} drawings, {} read by pointer and keyboard, {height} px high",
+        "{name}: {} drawings, {} read by pointer and keyboard, {} zoomed, {height} px high",
         drawings.len(),
-        seen["readouts"]
+        seen["readouts"],
+        seen["zooms"]
     );
 }
 

@@ -34,6 +34,10 @@ impl Brdf for Blinn {
         slice(self, incident, exitant)
     }
 
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
+    }
+
     /// cosⁿ(x/2) ≈ exp(−n x²/8): two standard deviations.
     fn lobe_width(&self) -> f64 {
         4.0 / self.exponent.max(4.0).sqrt()

@@ -51,6 +51,10 @@ impl Brdf for GgxConductor {
         slice(self, incident, exitant)
     }
 
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
+    }
+
     /// D has its poles at tan θh = ±iα, which is 2α from the axis in θi′.
     fn lobe_width(&self) -> f64 {
         2.0 * self.alpha

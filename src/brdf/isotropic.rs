@@ -35,11 +35,23 @@ pub struct Pair {
 impl Pair {
     /// Two directions in the measurement plane; `None` if either is at or below the horizon.
     pub fn in_plane(incident: LocalAngle, exitant: LocalAngle) -> Option<Self> {
-        if incident.rad().abs() >= FRAC_PI_2 || exitant.rad().abs() >= FRAC_PI_2 {
-            return None;
+        Self::towards(exitant)(incident)
+    }
+
+    /// The same for many incident directions and one exitant one.
+    pub fn towards(exitant: LocalAngle) -> impl Fn(LocalAngle) -> Option<Self> {
+        let above = exitant.rad().abs() < FRAC_PI_2;
+        let half = (0.5 * exitant.rad()).sin_cos();
+        move |incident| {
+            if !above || incident.rad().abs() >= FRAC_PI_2 {
+                return None;
+            }
+            Self::of_halves((0.5 * incident.rad()).sin_cos(), half)
         }
-        let (si, ci) = (0.5 * incident.rad()).sin_cos();
-        let (so, co) = (0.5 * exitant.rad()).sin_cos();
+    }
+
+    /// By sine and cosine of half the incident and of half the exitant angle.
+    fn of_halves((si, ci): (f64, f64), (so, co): (f64, f64)) -> Option<Self> {
         let sin_half = si * co + ci * so;
         let cos_half = ci * co - si * so;
         let cos_incident = (ci - si) * (ci + si);

@@ -26,6 +26,10 @@ impl Brdf for Lambertian {
         slice(self, incident, exitant)
     }
 
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
+    }
+
     fn lobe_width(&self) -> f64 {
         PI
     }

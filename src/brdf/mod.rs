@@ -65,6 +65,12 @@ pub trait Brdf: Debug + Send + Sync {
         0.0
     }
 
+    /// The 3-D form, where there is one: [`value`](Brdf::value) is its slice. Who wants several BRDFs at the same
+    /// directions works these out once.
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        None
+    }
+
     /// Width (radians, in θi′) of the narrowest lobe around the mirror direction: how fine a
     /// quadrature must be there. For a Gaussian lobe two standard deviations, for a rational one the
     /// distance of its poles from the real axis.

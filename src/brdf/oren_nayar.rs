@@ -37,6 +37,10 @@ impl Brdf for OrenNayar {
         slice(self, incident, exitant)
     }
 
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
+    }
+
     fn lobe_width(&self) -> f64 {
         1.0
     }

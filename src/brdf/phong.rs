@@ -24,7 +24,7 @@ pub struct Phong {
 impl Isotropic for Phong {
     fn rho(&self, pair: &Pair) -> f64 {
         let lobe = if pair.cos_mirror > 0.0 {
-            self.specular * (self.exponent + 2.0) / TAU * pair.cos_mirror.powf(self.exponent)
+            self.specular * (self.exponent + 2.0) / TAU * power(pair.cos_mirror, self.exponent)
         } else {
             0.0
         };
@@ -32,9 +32,22 @@ impl Isotropic for Phong {
     }
 }
 
+/// xⁿ; whole exponents, as people state them, cost a few multiplications.
+fn power(x: f64, n: f64) -> f64 {
+    if n.fract() == 0.0 && n <= 1024.0 {
+        x.powi(n as i32)
+    } else {
+        x.powf(n)
+    }
+}
+
 impl Brdf for Phong {
     fn value(&self, incident: LocalAngle, exitant: LocalAngle) -> f64 {
         slice(self, incident, exitant)
+    }
+
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
     }
 
     /// cosⁿ x ≈ exp(−n x²/2): two standard deviations.

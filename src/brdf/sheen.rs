@@ -35,6 +35,10 @@ impl Brdf for Sheen {
         slice(self, incident, exitant)
     }
 
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
+    }
+
     /// sin^{1/r} has the width √r about its maximum; and its branch point at θh = 0 is finer than that unless
     /// 1/r is an even number.
     fn lobe_width(&self) -> f64 {
@@ -78,6 +82,10 @@ impl Isotropic for HorizonSheen {
 impl Brdf for HorizonSheen {
     fn value(&self, incident: LocalAngle, exitant: LocalAngle) -> f64 {
         slice(self, incident, exitant)
+    }
+
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
     }
 
     fn lobe_width(&self) -> f64 {

@@ -44,6 +44,10 @@ impl Brdf for TorranceSparrow {
         slice(self, incident, exitant)
     }
 
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
+    }
+
     /// exp(−x²/4m²) in x = θi′ + θo′: two standard deviations.
     fn lobe_width(&self) -> f64 {
         2.0 * SQRT_2 * self.roughness

@@ -131,13 +131,11 @@ pub fn transfer_row(brdf: &dyn Brdf, exitant: LocalAngle, order: usize) -> Vec<C
             turn *= step;
         }
         let (s, c) = (LANES as f64 * angle).sin_cos();
-        for (sum_re, sum_im) in &mut sums {
-            for k in 0..LANES {
-                sum_re[k] += re[k];
-                sum_im[k] += im[k];
-                (re[k], im[k]) = (re[k] * c - im[k] * s, re[k] * s + im[k] * c);
-            }
-        }
+        pulp::Arch::new().dispatch(AddNode {
+            sums: &mut sums,
+            first: [re, im],
+            step: [c, s],
+        });
     }
     let mirror = brdf.mirror(exitant);
     (0..=order)
@@ -152,6 +150,31 @@ pub fn transfer_row(brdf: &dyn Brdf, exitant: LocalAngle, order: usize) -> Vec<C
             }
         })
         .collect()
+}
+
+/// Adds one node to the sums, [`LANES`] frequencies at a time, for the processor's widest instructions.
+struct AddNode<'a> {
+    sums: &'a mut [([f64; LANES], [f64; LANES])],
+    /// Real and imaginary parts of the first frequencies.
+    first: [[f64; LANES]; 2],
+    /// Cosine and sine that take them to the next.
+    step: [f64; 2],
+}
+
+impl pulp::NullaryFnOnce for AddNode<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let ([mut re, mut im], [c, s]) = (self.first, self.step);
+        for (sum_re, sum_im) in self.sums.iter_mut() {
+            for k in 0..LANES {
+                sum_re[k] += re[k];
+                sum_im[k] += im[k];
+                (re[k], im[k]) = (re[k] * c - im[k] * s, re[k] * s + im[k] * c);
+            }
+        }
+    }
 }
 
 #[cfg(test)]

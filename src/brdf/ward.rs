@@ -34,6 +34,10 @@ impl Brdf for Ward {
         slice(self, incident, exitant)
     }
 
+    fn isotropic(&self) -> Option<&dyn Isotropic> {
+        Some(self)
+    }
+
     /// exp(−x²/4α²) in x = θi′ + θo′: two standard deviations.
     fn lobe_width(&self) -> f64 {
         2.0 * std::f64::consts::SQRT_2 * self.alpha

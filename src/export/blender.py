@@ -12,6 +12,13 @@ import bpy
 LAMPS = False
 # FACTS
 
+# Models of reflecting facets: Blender's name for their distribution, and the parameter that is its width.
+FACETS = {
+    "ggx-conductor": ("GGX", "alpha"),
+    "ggx-dielectric": ("GGX", "alpha"),
+    "torrance-sparrow": ("BECKMANN", "roughness"),
+}
+
 
 def world(folder):
     scene_world = bpy.data.worlds.new("flatlight")
@@ -57,18 +64,37 @@ def material():
     def scaled(colour):
         return [c * s for c, s in zip(colour, MATERIAL["scale"])]
 
+    def dimmed(node, colour):
+        """The node's light times a colour: what is taken away goes into a shader that returns none."""
+        if max(abs(c - 1) for c in colour) < 1e-3:
+            return node
+        mix = nodes.new("ShaderNodeMixShader")
+        mix.inputs[0].default_value = 1 - min(1.0, sum(colour) / 3)
+        links.new(node.outputs[0], mix.inputs[1])
+        links.new(shader("ShaderNodeBsdfDiffuse", (0, 0, 0), 0.0).outputs[0], mix.inputs[2])
+        return mix
+
     parts = []
     if any(MATERIAL["lambert"]):
         parts.append(shader("ShaderNodeBsdfDiffuse", MATERIAL["lambert"], 0.0))
-    if MODEL == "ggx-conductor":
-        # Blender's roughness is the root of alpha. Its glossy node has no conductor's Fresnel term: the
-        # reflectance at normal incidence stands for it, within some percent below 60 degrees for metals.
-        pairs = zip(MATERIAL["eta"], MATERIAL["k"])
-        normal = [((n - 1) ** 2 + k * k) / ((n + 1) ** 2 + k * k) for n, k in pairs]
-        colour = scaled([f * s for f, s in zip(normal, MATERIAL["specular"])])
-        gloss = shader("ShaderNodeBsdfGlossy", colour, math.sqrt(sum(MATERIAL["alpha"]) / 3))
-        gloss.distribution = "GGX"
-        parts.append(gloss)
+    if MODEL in FACETS:
+        distribution, width = FACETS[MODEL]
+        # Blender's roughness is the root of the width of the facets' distribution.
+        roughness = math.sqrt(sum(MATERIAL[width]) / 3)
+        index, extinction = MATERIAL.get("eta") or MATERIAL["ior"], MATERIAL.get("k", (0, 0, 0))
+        if hasattr(bpy.types, "ShaderNodeBsdfMetallic"):  # 4.3 and later: Fresnel's equations; without extinction, of a dielectric
+            gloss = nodes.new("ShaderNodeBsdfMetallic")
+            gloss.fresnel_type = "PHYSICAL_CONDUCTOR"
+            gloss.inputs["IOR"].default_value = index
+            gloss.inputs["Extinction"].default_value = extinction
+            gloss.inputs["Roughness"].default_value = roughness
+        else:  # the reflectance at normal incidence at all angles: too dark towards grazing
+            normal = [((n - 1) ** 2 + k * k) / ((n + 1) ** 2 + k * k) for n, k in zip(index, extinction)]
+            gloss = shader("ShaderNodeBsdfGlossy", normal, roughness)
+        gloss.distribution = distribution
+        parts.append(dimmed(gloss, scaled(MATERIAL.get("specular", (1, 1, 1)))))
+        if "diffuse" in MATERIAL:
+            parts.append(shader("ShaderNodeBsdfDiffuse", scaled(MATERIAL["diffuse"]), 0.0))
     elif MODEL == "lambertian":
         parts.append(shader("ShaderNodeBsdfDiffuse", scaled(MATERIAL["albedo"]), 0.0))
     elif MODEL == "oren-nayar":

@@ -6,29 +6,17 @@ use std::path::{Path, PathBuf};
 use super::rgb;
 use crate::angle::WorldAngle;
 use crate::error::{Error, Result};
-use crate::lighting::{Lighting, Source, environment::write_lat_long};
+use crate::lighting::{Lighting, environment::write_lat_long};
 use crate::pipeline::{Recipe, Run};
 
-/// Directional lights that stand for the continuous light: one every 0.5°. With the midpoint rule that is
+/// Directional lights that stand for the continuous light: one every 0.25°, as light without negative values is tabulated. With the midpoint rule that is
 /// right to 1e-5 of the light, by the kink of the cosine at ±90°.
-const EMITTERS: usize = 720;
+const EMITTERS: usize = 1440;
 
-/// The recovered light, or the one that the recipe states; `None` if there is neither.
+/// The recovered light, or the one that the recipe states; `None` if there is neither. It is nowhere negative.
 pub(super) fn lighting(run: &Run) -> Option<Lighting> {
     if let Some(estimate) = &run.lighting {
-        let smooth: Vec<_> = estimate.channels.iter().map(|c| c.smooth.clone()).collect();
-        let mut light = Lighting::from_series(run.channels.clone(), &smooth, 2 * EMITTERS);
-        light.sources = (0..estimate.sources.len())
-            .map(|s| Source {
-                theta: WorldAngle::degrees(estimate.sources[s].theta_deg),
-                irradiance: estimate
-                    .channels
-                    .iter()
-                    .map(|c| c.irradiance.get(s).copied().unwrap_or(0.0).max(0.0))
-                    .collect(),
-            })
-            .collect();
-        return Some(light);
+        return Some(estimate.without_negative());
     }
     let recipe = Recipe::parse(&run.recipe_toml, Path::new("recipe.toml"), Path::new("")).ok()?;
     recipe.lighting?.resolve(&run.channels, Path::new("")).ok()
@@ -54,8 +42,7 @@ pub(super) struct Emitter {
     pub irradiance: [f64; 3],
 }
 
-/// Sources, and the continuous light in steps; each with what it gives a surface facing it. Light that is known up to a frequency
-/// swings below zero beside a sun; so do its emitters, and only with them is the sum what was recovered.
+/// Sources, and the continuous light in steps; each with what it gives a surface facing it.
 ///
 /// # Errors
 /// If the channels are not R, G and B or a single one.

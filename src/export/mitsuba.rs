@@ -119,13 +119,13 @@ fn conductor(
     )
 }
 
-/// Light in the plane as directional emitters, which is exact for sources, and for continuous light a sum every 0.5°.
+/// Light in the plane as directional emitters, which is exact for sources, and for continuous light a sum every 0.25°.
 fn light_xml(sources: &[Emitter], continuous: &[Emitter]) -> String {
     let mut text = String::from("<scene version=\"3.0.0\">\n");
     text += &comment(
         "Light in the plane z = 0, as directional emitters: irradiance is that of a surface facing the emitter. The object's cross-section is lit exactly \
-         as it was photographed; what was out of the plane, if anything, is not here. Light that was recovered up to a frequency swings below zero beside a sun: \
-         negative emitters belong to the sum.",
+         as it was photographed; what was out of the plane, if anything, is not here. Of light that was recovered up to a frequency \
+         it has the frequencies known, and beyond them those that keep it from being negative.",
     );
     for emitter in sources.iter().chain(continuous) {
         let (sin, cos) = emitter.theta.sin_cos();

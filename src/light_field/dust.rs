@@ -5,6 +5,8 @@
 //! the rows that agree with each other (least trimmed squares: P. J. Rousseeuw, "Least median of squares
 //! regression", J. Am. Stat. Assoc. 79 (1984)), without those far off. Stations that agree are not touched.
 
+use pulp::Simd;
+
 use super::strip::Sums;
 
 /// Stations of one neighbourhood.
@@ -26,9 +28,6 @@ const OFF: f64 = 5.0;
 
 /// The variance of normal values over that of the 60 % with the smallest residuals.
 const TRIMMED: f64 = 4.85;
-
-/// One row of a station: its distance from the line, value and variance.
-pub(super) type Row = (f64, f64, f64);
 
 /// Stations (of one channel) whose rows scatter suspiciously: each with its rows' variance about the fit and the
 /// mean stated variance of its pixels, along the line; nothing where there are too few rows to tell.
@@ -61,57 +60,169 @@ pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
         .collect()
 }
 
-/// The sums over the rows that agree, if any do not.
-pub(super) fn without(rows: &[Row]) -> Option<Sums> {
-    let sound = ((rows.len() as f64 * SOUND) as usize).max(5);
-    if rows.len() <= sound {
-        return None;
-    }
-    let nth = |values: &mut Vec<f64>, n: usize| *values.select_nth_unstable_by(n, f64::total_cmp).1;
-    let mut scratch: Vec<f64> = rows.iter().map(|row| row.1).collect();
-    let median = nth(&mut scratch, rows.len() / 2);
-    let mut distance: Vec<f64> = rows.iter().map(|r| (r.1 - median).abs()).collect();
-    let mut scale = 0.0;
-    let mut trusted = vec![false; rows.len()];
-    for _ in 0..STEPS {
-        scratch.clone_from(&distance);
-        let limit = nth(&mut scratch, sound - 1);
-        // Among equally distant rows the first ones, so that there are `sound` of them.
-        let mut ties = sound - distance.iter().filter(|d| **d < limit).count();
-        let mut same = true;
-        for (trusted, d) in trusted.iter_mut().zip(&distance) {
-            let tied = *d == limit && ties > 0;
-            ties -= usize::from(tied);
-            let now = *d < limit || tied;
-            same &= *trusted == now;
-            *trusted = now;
-        }
-        if same {
-            break;
-        }
-        let sums = sum(rows, |i| trusted[i]);
-        let curve = sums.curve()?;
-        let trimmed = sums.fit()?;
-        let stated = sums.variance / f64::from(sums.count);
-        scale = (TRIMMED * trimmed.residual / f64::from(trimmed.freedom.max(1))).max(stated);
-        for (distance, (t, value, _)) in distance.iter_mut().zip(rows) {
-            let k = super::strip::PIXEL_VARIANCE;
-            *distance = (*value - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
-        }
-    }
-    let limit = OFF * scale.sqrt();
-    let kept = sum(rows, |i| distance[i] <= limit);
-    (kept.count as usize >= sound && (kept.count as usize) < rows.len()).then_some(kept)
+/// The rows of one station: their distances from the line, values and variances.
+#[derive(Default)]
+pub(super) struct Rows {
+    t: Vec<f64>,
+    value: Vec<f64>,
+    variance: Vec<f64>,
+    /// Distances from the curve through the trusted rows.
+    distance: Vec<f64>,
+    /// 1 for a trusted row, 0 for others.
+    trusted: Vec<f64>,
 }
 
-fn sum(rows: &[Row], of: impl Fn(usize) -> bool) -> Sums {
-    let mut sums = Sums::default();
-    for (i, (t, value, variance)) in rows.iter().enumerate() {
-        if of(i) {
-            sums.add(*t, *value, *variance);
+impl Rows {
+    pub(super) fn clear(&mut self) {
+        self.t.clear();
+        self.value.clear();
+        self.variance.clear();
+    }
+
+    pub(super) fn push(&mut self, t: f64, value: f64, variance: f64) {
+        self.t.push(t);
+        self.value.push(value);
+        self.variance.push(variance);
+    }
+
+    /// The sums over the rows that agree, if any do not.
+    pub(super) fn without_dust(&mut self) -> Option<Sums> {
+        pulp::Arch::new().dispatch(WithoutDust(self))
+    }
+
+    #[inline(always)]
+    fn trimmed<S: Simd>(&mut self, simd: S) -> Option<Sums> {
+        let count = self.t.len();
+        let sound = ((count as f64 * SOUND) as usize).max(5);
+        if count <= sound {
+            return None;
+        }
+        let median = nth(simd, &self.value, count / 2);
+        self.distance.clear();
+        self.distance
+            .extend(self.value.iter().map(|v| (v - median).abs()));
+        self.trusted.clear();
+        self.trusted.resize(count, 0.0);
+        let mut scale = 0.0;
+        for _ in 0..STEPS {
+            if !self.trust(simd, sound) {
+                break;
+            }
+            let sums = self.sums();
+            let (curve, trimmed) = sums.curve()?;
+            let stated = sums.variance / f64::from(sums.count);
+            scale = (TRIMMED * trimmed.residual / f64::from(trimmed.freedom.max(1))).max(stated);
+            let k = super::strip::PIXEL_VARIANCE;
+            for ((distance, t), value) in self.distance.iter_mut().zip(&self.t).zip(&self.value) {
+                *distance = (value - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
+            }
+        }
+        let limit = OFF * scale.sqrt();
+        let mut kept = 0;
+        for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
+            let near = *d <= limit;
+            kept += usize::from(near);
+            *trusted = if near { 1.0 } else { 0.0 };
+        }
+        (kept >= sound && kept < count).then(|| self.sums())
+    }
+
+    /// Trusts the `sound` rows nearest to the curve; whether these are others than before.
+    #[inline(always)]
+    fn trust<S: Simd>(&mut self, simd: S, sound: usize) -> bool {
+        let limit = nth(simd, &self.distance, sound - 1);
+        let (below, _) = counts(simd, &self.distance, limit);
+        // Among equally distant rows the first ones, so that there are `sound` of them.
+        let mut ties = sound.saturating_sub(below);
+        let mut changed = false;
+        for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
+            let tied = *d == limit && ties > 0;
+            ties -= usize::from(tied);
+            let now = if *d < limit || tied { 1.0 } else { 0.0 };
+            changed |= *trusted != now;
+            *trusted = now;
+        }
+        changed
+    }
+
+    /// The sums over the trusted rows, added in their order: rows of equal values on both sides of the line are equally
+    /// far off but for rounding.
+    #[inline(always)]
+    fn sums(&self) -> Sums {
+        let mut sums = Sums::default();
+        let rows = self.t.iter().zip(&self.value).zip(&self.variance);
+        for (((&t, &value), variance), trusted) in rows.zip(&self.trusted) {
+            if *trusted > 0.0 {
+                let t2 = t * t;
+                sums.count += 1;
+                for (sum, power) in sums.powers.iter_mut().zip([1.0, t, t2, t2 * t, t2 * t2]) {
+                    *sum += power;
+                }
+                for (sum, power) in sums.values.iter_mut().zip([1.0, t, t2]) {
+                    *sum += value * power;
+                }
+                sums.square += value * value;
+                sums.variance += variance;
+            }
+        }
+        sums
+    }
+}
+
+/// The work of [`Rows::without_dust`], with the processor's widest instructions.
+struct WithoutDust<'a>(&'a mut Rows);
+
+impl pulp::WithSimd for WithoutDust<'_> {
+    type Output = Option<Sums>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Option<Sums> {
+        self.0.trimmed(simd)
+    }
+}
+
+/// How many values are below the pivot, and how many are equal to it.
+#[inline(always)]
+fn counts<S: Simd>(simd: S, values: &[f64], pivot: f64) -> (usize, usize) {
+    let (vectors, rest) = S::as_simd_f64s(values);
+    let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+    let at = simd.splat_f64s(pivot);
+    let (mut below, mut equal) = (zero, zero);
+    for &v in vectors {
+        below = simd.add_f64s(
+            below,
+            simd.select_f64s(simd.less_than_f64s(v, at), one, zero),
+        );
+        equal = simd.add_f64s(equal, simd.select_f64s(simd.equal_f64s(v, at), one, zero));
+    }
+    let count = |of: &dyn Fn(&f64) -> bool| rest.iter().filter(|v| of(v)).count();
+    (
+        simd.reduce_sum_f64s(below) as usize + count(&|v| *v < pivot),
+        simd.reduce_sum_f64s(equal) as usize + count(&|v| *v == pivot),
+    )
+}
+
+/// The value of rank `n` (from 0) by counting: on some dozens of values faster than moving them about.
+#[inline(always)]
+fn nth<S: Simd>(simd: S, values: &[f64], n: usize) -> f64 {
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    for &pivot in values {
+        if !(pivot > low && pivot < high) {
+            continue;
+        }
+        let (below, equal) = counts(simd, values, pivot);
+        if below > n {
+            high = pivot;
+        } else if below + equal > n {
+            return pivot;
+        } else {
+            low = pivot;
         }
     }
-    sums
+    // Values that are not finite.
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(n).copied().unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]
@@ -119,30 +230,45 @@ mod tests {
     use super::*;
 
     /// Rows of one station with the noise of a fixed sequence.
-    fn rows(off: impl Fn(usize) -> f64) -> Vec<Row> {
-        (0..48)
-            .map(|i| {
-                let t = i as f64 - 23.5;
-                let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
-                (t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5)
-            })
-            .collect()
+    fn rows(off: impl Fn(usize) -> f64) -> Rows {
+        let mut rows = Rows::default();
+        for i in 0..48 {
+            let t = i as f64 - 23.5;
+            let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
+            rows.push(t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5);
+        }
+        rows
+    }
+
+    #[test]
+    fn counting_finds_what_sorting_finds() {
+        for length in 1..60 {
+            // With repeated values.
+            let values: Vec<f64> = (0..length).map(|i| (i * 7919 % 23) as f64 - 9.0).collect();
+            let mut sorted = values.clone();
+            sorted.sort_by(f64::total_cmp);
+            for (n, expected) in sorted.iter().enumerate() {
+                assert_eq!(nth(pulp::Scalar, &values, n), *expected);
+            }
+        }
+        let endless = [f64::INFINITY, 1.0, f64::INFINITY];
+        assert_eq!(nth(pulp::Scalar, &endless, 1), f64::INFINITY);
     }
 
     #[test]
     fn dust_is_left_out_and_nothing_else() {
         // A spot over a quarter of the rows and a thin scratch, light and dark.
-        let dusty = rows(|i| match i {
+        let mut dusty = rows(|i| match i {
             20..32 => 0.4,
             40 => -0.3,
             _ => 0.0,
         });
-        let kept = without(&dusty).expect("rows are off");
+        let kept = dusty.without_dust().expect("rows are off");
         assert_eq!(kept.count, 48 - 13);
         let value = kept.fit().unwrap().value;
         // 35 rows of σ 0.006, half of them far from the line: known to 0.004.
         assert!((value - 1.0).abs() < 0.01, "{value}");
-        assert!(without(&rows(|_| 0.0)).is_none());
+        assert!(rows(|_| 0.0).without_dust().is_none());
     }
 
     #[test]

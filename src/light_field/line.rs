@@ -145,6 +145,13 @@ impl MeasuredLine {
         })
     }
 
+    /// Whether the line, read with `reach`, averages all rows of `radiance`: further reach changes nothing.
+    pub fn has_all_rows(&self, radiance: &Radiance, reach: f64) -> bool {
+        let rows = [radiance.rows.start, radiance.rows.end].map(f64::from);
+        let within = |p: &[f64; 2]| rows.iter().all(|row| (row - p[1]).abs() <= reach);
+        self.tangent[1].abs() < LEVEL && self.tangent[0] > 0.0 && self.positions.iter().all(within)
+    }
+
     /// One sample per channel and column: \[channel\]\[column\], `None` where the view did not see it.
     /// `locals` are the columns' θo′ in increasing order, `bin` their width, `limb_cut` the largest |θo′|
     /// (radians). `geometry` may differ from the one the line was read with by a shift along the line.

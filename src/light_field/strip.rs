@@ -54,10 +54,12 @@ pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 pub(super) struct Sums {
     pub count: u32,
     /// Σ t^k, k = 0 … 4.
-    powers: [f64; 5],
+    pub powers: [f64; 5],
     /// Σ v, Σ v t, Σ v t².
-    values: [f64; 3],
-    square: f64,
+    pub values: [f64; 3],
+    /// Σ v².
+    pub square: f64,
+    /// Σ of the variances.
     pub variance: f64,
 }
 
@@ -72,39 +74,36 @@ pub(super) struct Fit {
 }
 
 impl Sums {
-    /// The coefficients of 1, t and t² (its mean over a pixel) for five rows or more.
-    pub(super) fn curve(&self) -> Option<[f64; 3]> {
-        let n = f64::from(self.count);
-        let [_, p1, p2, p3, p4] = self.powers;
-        let k = PIXEL_VARIANCE;
-        let (q2, q3, q4) = (p2 + k * n, p3 + k * p1, p4 + 2.0 * k * p2 + k * k * n);
-        let [v0, v1, v2] = self.values;
-        let normal = Matrix3::new(n, p1, q2, p1, p2, q3, q2, q3, q4);
-        let fit = normal.try_inverse()? * Vector3::new(v0, v1, v2 + k * v0);
-        (self.count >= 5).then_some([fit[0], fit[1], fit[2]])
-    }
-
-    pub(super) fn add(&mut self, t: f64, value: f64, variance: f64) {
-        let t2 = t * t;
-        self.count += 1;
-        for (sum, power) in self.powers.iter_mut().zip([1.0, t, t2, t2 * t, t2 * t2]) {
-            *sum += power;
+    /// The coefficients of 1, t and t² (its mean over a pixel), and the fit, for five rows or more.
+    pub(super) fn curve(&self) -> Option<([f64; 3], Fit)> {
+        if self.count < 5 {
+            return None;
         }
-        for (sum, power) in self.values.iter_mut().zip([1.0, t, t2]) {
-            *sum += value * power;
-        }
-        self.square += value * value;
-        self.variance += variance;
-    }
-
-    /// The fit at t = 0 with as many terms as the rows determine; `None` without rows.
-    pub(super) fn fit(&self) -> Option<Fit> {
         let n = f64::from(self.count);
         // The mean of t² over a pixel is larger than that of its centre.
         let [_, p1, p2, p3, p4] = self.powers;
         let k = PIXEL_VARIANCE;
         let (q2, q3, q4) = (p2 + k * n, p3 + k * p1, p4 + 2.0 * k * p2 + k * k * n);
         let [v0, v1, v2] = self.values;
+        let inverse = Matrix3::new(n, p1, q2, p1, p2, q3, q2, q3, q4).try_inverse()?;
+        let right = Vector3::new(v0, v1, v2 + k * v0);
+        let curve = inverse * right;
+        let fit = Fit {
+            value: curve[0],
+            gain: inverse[(0, 0)],
+            residual: (self.square - curve.dot(&right)).max(0.0),
+            freedom: self.count - 3,
+        };
+        Some(([curve[0], curve[1], curve[2]], fit))
+    }
+
+    /// The fit at t = 0 with as many terms as the rows determine; `None` without rows.
+    pub(super) fn fit(&self) -> Option<Fit> {
+        let n = f64::from(self.count);
+        let [_, _, p2, _, p4] = self.powers;
+        let k = PIXEL_VARIANCE;
+        let (q2, q4) = (p2 + k * n, p4 + 2.0 * k * p2 + k * k * n);
+        let [v0, _, v2] = self.values;
         let v2 = v2 + k * v0;
         match self.count {
             0 => None,
@@ -139,25 +138,13 @@ impl Sums {
                     freedom: self.count - 2,
                 })
             }
-            _ => {
-                let normal = Matrix3::new(n, p1, q2, p1, p2, q3, q2, q3, q4);
-                let inverse = normal.try_inverse()?;
-                let right = Vector3::new(v0, v1, v2);
-                let fit = inverse * right;
-                let residual = (self.square - fit.dot(&right)).max(0.0);
-                Some(Fit {
-                    value: fit[0],
-                    gain: inverse[(0, 0)],
-                    residual,
-                    freedom: self.count - 3,
-                })
-            }
+            _ => self.curve().map(|(_, fit)| fit),
         }
     }
 }
 
 /// Columns that are summed at a time: their sums stay in registers, and a row of them is part of one cache line.
-const LANES: usize = 4;
+const LANES: usize = 8;
 
 /// The rows held that lie within reach of any of some columns' lines.
 fn rows_within(radiance: &Radiance, lines: &[(f64, f64)]) -> Range<u32> {
@@ -168,62 +155,76 @@ fn rows_within(radiance: &Radiance, lines: &[(f64, f64)]) -> Range<u32> {
     held((top - 1.0).floor())..held((bottom + 1.0).ceil())
 }
 
-/// The sums of up to [`LANES`] neighbouring columns; `row` gives a row's values and variances in them.
-fn column_sums<'a>(
-    lines: &[(f64, f64)],
+/// The sums of up to [`LANES`] neighbouring columns, for the processor's widest instructions.
+struct ColumnSums<'a> {
+    /// Height of the line and reach of each column.
+    lines: &'a [(f64, f64)],
     rows: Range<u32>,
-    row: impl Fn(u32) -> (&'a [f32], &'a [f32]),
-) -> [Sums; LANES] {
-    type Lanes = [f64; LANES];
-    // Columns that are not there have no reach.
-    let (mut height, mut reach): (Lanes, Lanes) = ([0.0; LANES], [-1.0; LANES]);
-    for (k, line) in lines.iter().enumerate().take(LANES) {
-        (height[k], reach[k]) = *line;
-    }
-    let mut counts = [0.0; LANES];
-    let mut powers = [[0.0; LANES]; 4];
-    let mut moments = [[0.0; LANES]; 3];
-    let (mut squares, mut noise): (Lanes, Lanes) = ([0.0; LANES], [0.0; LANES]);
-    let (mut value, mut variance) = ([0.0f32; LANES], [f32::INFINITY; LANES]);
-    for y in rows {
-        let centre = f64::from(y) + 0.5;
-        let (values, variances) = row(y);
-        value[..values.len()].copy_from_slice(values);
-        variance[..variances.len()].copy_from_slice(variances);
-        for k in 0..LANES {
-            let t = centre - height[k];
-            // Without a branch, so that the columns go side by side; what is left out adds zeros.
-            let used = (t.abs() <= reach[k]) & variance[k].is_finite();
-            let one = if used { 1.0 } else { 0.0 };
-            let t = if used { t } else { 0.0 };
-            let v = if used { f64::from(value[k]) } else { 0.0 };
-            let s = if used { f64::from(variance[k]) } else { 0.0 };
-            let t2 = t * t;
-            counts[k] += one;
-            powers[0][k] += t;
-            powers[1][k] += t2;
-            powers[2][k] += t2 * t;
-            powers[3][k] += t2 * t2;
-            moments[0][k] += v;
-            moments[1][k] += v * t;
-            moments[2][k] += v * t2;
-            squares[k] += v * v;
-            noise[k] += s;
+    /// From the first column of the first row on.
+    values: &'a [f32],
+    variances: &'a [f32],
+    /// Pixels from row to row.
+    width: usize,
+}
+
+impl pulp::NullaryFnOnce for ColumnSums<'_> {
+    type Output = [Sums; LANES];
+
+    #[inline(always)]
+    fn call(self) -> [Sums; LANES] {
+        type Lanes = [f64; LANES];
+        let columns = self.lines.len().min(LANES);
+        // Columns that are not there have no reach.
+        let (mut height, mut reach): (Lanes, Lanes) = ([0.0; LANES], [-1.0; LANES]);
+        for (k, line) in self.lines.iter().enumerate().take(LANES) {
+            (height[k], reach[k]) = *line;
         }
+        // Count, Σ t … t⁴, Σ v, Σ v t, Σ v t², Σ v², Σ variance.
+        let mut sums = [[0.0; LANES]; 10];
+        let (mut value, mut variance) = ([0.0f32; LANES], [f32::INFINITY; LANES]);
+        let rows = self
+            .values
+            .chunks(self.width)
+            .zip(self.variances.chunks(self.width));
+        for (y, (values, variances)) in self.rows.zip(rows) {
+            let centre = f64::from(y) + 0.5;
+            if let (Some(values), Some(variances)) = (
+                values.first_chunk::<LANES>(),
+                variances.first_chunk::<LANES>(),
+            ) && columns == LANES
+            {
+                (value, variance) = (*values, *variances);
+            } else {
+                let there = columns.min(values.len());
+                value[..there].copy_from_slice(&values[..there]);
+                variance[..there].copy_from_slice(&variances[..there]);
+            }
+            for k in 0..LANES {
+                let t = centre - height[k];
+                // Without a branch, so that the columns go side by side; what is left out adds zeros.
+                let used = (t.abs() <= reach[k]) & (variance[k].abs() < f32::INFINITY);
+                let one = if used { 1.0 } else { 0.0 };
+                let t = if used { t } else { 0.0 };
+                let v = if used { f64::from(value[k]) } else { 0.0 };
+                let s = if used { f64::from(variance[k]) } else { 0.0 };
+                let t2 = t * t;
+                let terms = [one, t, t2, t2 * t, t2 * t2, v, v * t, v * t2, v * v, s];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    sum[k] += term;
+                }
+            }
+        }
+        std::array::from_fn(|k| {
+            let [n, p1, p2, p3, p4, v0, v1, v2, square, variance] = sums.map(|lanes| lanes[k]);
+            Sums {
+                count: n as u32,
+                powers: [n, p1, p2, p3, p4],
+                values: [v0, v1, v2],
+                square,
+                variance,
+            }
+        })
     }
-    std::array::from_fn(|k| Sums {
-        count: counts[k] as u32,
-        powers: [
-            counts[k],
-            powers[0][k],
-            powers[1][k],
-            powers[2][k],
-            powers[3][k],
-        ],
-        values: moments.map(|m| m[k]),
-        square: squares[k],
-        variance: noise[k],
-    })
 }
 
 /// Stations for the image columns `columns`, for a measured line that runs along the rows.
@@ -244,12 +245,13 @@ pub fn along_rows(
         for (block, lines) in lines.chunks(LANES).enumerate() {
             let first = block * LANES;
             let rows = rows_within(radiance, lines);
-            let found = column_sums(lines, rows, |row| {
-                let at = (row - radiance.rows.start) as usize * width + columns.start + first;
-                (
-                    &values[at..at + lines.len()],
-                    &variances[at..at + lines.len()],
-                )
+            let at = (rows.start - radiance.rows.start) as usize * width + columns.start + first;
+            let found = pulp::Arch::new().dispatch(ColumnSums {
+                lines,
+                rows,
+                values: values.get(at..).unwrap_or(&[]),
+                variances: variances.get(at..).unwrap_or(&[]),
+                width,
             });
             for (k, found) in found.into_iter().enumerate().take(lines.len()) {
                 sums[(first + k) * channels + c] = found;
@@ -272,6 +274,7 @@ fn leave_dust_out(
 ) {
     let channels = radiance.channels.len();
     let width = radiance.size[0] as usize;
+    let mut rows = dust::Rows::default();
     for c in 0..channels {
         let scatter: Vec<Option<[f64; 2]>> = sums
             .iter()
@@ -288,18 +291,16 @@ fn leave_dust_out(
             .collect();
         for k in dust::suspicious(&scatter) {
             let (height, reach) = lines[k];
-            let rows: Vec<dust::Row> = radiance
-                .rows
-                .clone()
-                .filter_map(|row| {
-                    let at = (row - radiance.rows.start) as usize * width + first + k;
-                    let t = f64::from(row) + 0.5 - height;
-                    let variance = f64::from(radiance.variance[c][at]);
-                    let value = f64::from(radiance.value[c][at]);
-                    (t.abs() <= reach && variance.is_finite()).then_some((t, value, variance))
-                })
-                .collect();
-            if let Some(kept) = dust::without(&rows) {
+            rows.clear();
+            for row in radiance.rows.clone() {
+                let at = (row - radiance.rows.start) as usize * width + first + k;
+                let t = f64::from(row) + 0.5 - height;
+                let variance = f64::from(radiance.variance[c][at]);
+                if t.abs() <= reach && variance.is_finite() {
+                    rows.push(t, f64::from(radiance.value[c][at]), variance);
+                }
+            }
+            if let Some(kept) = rows.without_dust() {
                 sums[k * channels + c] = kept;
                 fits[k * channels + c] = kept.fit();
             }

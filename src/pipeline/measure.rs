@@ -528,7 +528,14 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
             };
             let geometry = ViewGeometry::new(camera, &capture.object, pilot.outline.pose, roll);
             let mut narrower: Vec<MeasuredLine> = Vec::new();
-            for &reach in &candidates {
+            for (k, &reach) in candidates.iter().enumerate() {
+                // With all rows in it already, a line does not change any more.
+                if let Some(line) = narrower.last()
+                    && line.has_all_rows(&pilot.radiance, candidates[k - 1])
+                {
+                    narrower.push(line.clone());
+                    continue;
+                }
                 let Ok(line) = MeasuredLine::read(&pilot.radiance, &geometry, reach) else {
                     return Ok(None);
                 };

@@ -11,14 +11,11 @@ use serde_json::json;
 use super::joint::ChannelGauge;
 use super::run::Run;
 use super::{brdf_products, material, record};
-use crate::angle::WorldAngle;
 use crate::brdf::fit::BrdfModels;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::light_field::encode;
-use crate::lighting::{
-    Lighting, Source, SpectrumRow, environment::write_lat_long, write_spectrum, write_values,
-};
+use crate::lighting::{SpectrumRow, environment::write_lat_long, write_spectrum, write_values};
 use crate::recover::Status;
 use crate::recover::brdf::{BrdfEstimate, Slice};
 use crate::recover::lighting::LightingEstimate;
@@ -134,30 +131,9 @@ fn lighting_products<'a>(run: &'a Run, lighting: &'a LightingEstimate) -> Vec<Pr
             write_spectrum(path, &rows)
         }),
         Product::new("lighting.exr", move |path| {
-            write_lat_long(path, &as_lighting(run, lighting))
+            write_lat_long(path, &lighting.without_negative())
         }),
     ]
-}
-
-/// The estimate as a light that can be used again: smooth table and exact sources.
-fn as_lighting(run: &Run, estimate: &LightingEstimate) -> Lighting {
-    let smooth: Vec<_> = estimate.channels.iter().map(|c| c.smooth.clone()).collect();
-    let sources = estimate
-        .sources
-        .iter()
-        .enumerate()
-        .map(|(s, source)| Source {
-            theta: WorldAngle::degrees(source.theta_deg),
-            irradiance: estimate
-                .channels
-                .iter()
-                .map(|c| c.irradiance[s].max(0.0))
-                .collect(),
-        })
-        .collect();
-    let mut lighting = Lighting::from_series(run.channels.clone(), &smooth, 1440);
-    lighting.sources = sources;
-    lighting
 }
 
 fn pretty(value: &serde_json::Value) -> Vec<u8> {

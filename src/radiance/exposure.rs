@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::calibration;
 use super::census::Census;
 use super::noise::Levels;
-use super::response::{Response, rounding};
+use super::response::{Response, Steps, rounding, rounding_in_binade};
 use crate::capture::{Capture, Encoding, Photo as Shot};
 use crate::error::{Error, Result};
 use crate::photo::{self, Photo, Storage};
@@ -101,16 +101,15 @@ impl Exposure {
             let mut variance = vec![0.0; plane.len()];
             let white = level.white_stored as f32;
             if response == Response::Linear && dark.is_none() && brightest.is_none() {
-                let black = level.black as f32;
-                for (x, variance) in plane.iter_mut().zip(&mut variance) {
-                    let unclipped = *x < white;
-                    *variance = if unclipped {
-                        (step * rounding(*x, storage)).max(least)
-                    } else {
-                        f32::INFINITY
-                    };
-                    *x = if unclipped { *x - black } else { f32::NAN };
-                }
+                pulp::Arch::new().dispatch(Unclipped {
+                    plane,
+                    variance: &mut variance,
+                    white,
+                    black: level.black as f32,
+                    storage,
+                    step,
+                    least,
+                });
             } else {
                 for (i, (x, variance)) in plane.iter_mut().zip(&mut variance).enumerate() {
                     let stored = *x;
@@ -149,6 +148,46 @@ impl Exposure {
             response,
             census,
         })
+    }
+}
+
+/// Stored values that are linear already to signal and variance, with the processor's widest instructions.
+struct Unclipped<'a> {
+    plane: &'a mut [f32],
+    variance: &'a mut [f32],
+    white: f32,
+    black: f32,
+    storage: Storage,
+    step: f32,
+    least: f32,
+}
+
+impl Unclipped<'_> {
+    #[inline(always)]
+    fn each(&mut self, rounding: impl Fn(f32) -> f32) {
+        let (white, black, step, least) = (self.white, self.black, self.step, self.least);
+        for (x, variance) in self.plane.iter_mut().zip(&mut *self.variance) {
+            let stored = *x;
+            let unclipped = stored < white;
+            let own = step * rounding(stored);
+            let own = if own > least { own } else { least };
+            *variance = if unclipped { own } else { f32::INFINITY };
+            *x = if unclipped { stored - black } else { f32::NAN };
+        }
+    }
+}
+
+impl pulp::NullaryFnOnce for Unclipped<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(mut self) {
+        match Steps::of(self.storage) {
+            Steps::Whole => self.each(|_| 1.0 / 12.0),
+            Steps::Binades { lowest, fraction } => {
+                self.each(|x| rounding_in_binade(x, lowest, fraction));
+            }
+        }
     }
 }
 
@@ -214,8 +253,19 @@ fn least_rounding(plane: &[f32], storage: Storage) -> f32 {
     if let Storage::Integer { .. } | Storage::Sensor { .. } = storage {
         return 0.0;
     }
-    let finite = plane.iter().filter(|v| v.is_finite());
-    let largest = finite.fold(0.0_f32, |a, v| a.max(v.abs()));
+    let largest = pulp::Arch::new().dispatch(|| {
+        let mut largest = [0.0_f32; 16];
+        let (blocks, rest) = plane.as_chunks::<16>();
+        let size = |v: f32| if v.is_finite() { v.abs() } else { 0.0 };
+        for block in blocks {
+            for (largest, v) in largest.iter_mut().zip(block) {
+                let v = size(*v);
+                *largest = if v > *largest { v } else { *largest };
+            }
+        }
+        let rest = rest.iter().map(|v| size(*v));
+        largest.into_iter().chain(rest).fold(0.0, f32::max)
+    });
     rounding(largest / 1000.0, storage).max(f32::MIN_POSITIVE)
 }
 

@@ -344,19 +344,28 @@ impl Bracket<'_> {
             .get(self.channel)
             .map_or(1.0, |levels| levels.scale);
         let reach = (seconds * scale) as f32;
-        for (i, (value, variance)) in value.iter_mut().zip(&mut variance).enumerate() {
-            let light = self
-                .illumination
-                .map_or(1.0, |f| f.get(i).copied().unwrap_or(f32::NAN));
-            let reach = reach * light;
-            if value.is_finite() && reach > 0.0 {
-                *value /= reach;
-                *variance /= reach * reach;
+        let scale_pixel = |value: &mut f32, variance: &mut f32, reach: f32| {
+            let known = value.is_finite() & (reach > 0.0);
+            *value = if known { *value / reach } else { 0.0 };
+            *variance = if known {
+                *variance / (reach * reach)
             } else {
-                *value = 0.0;
-                *variance = f32::INFINITY;
+                f32::INFINITY
+            };
+        };
+        pulp::Arch::new().dispatch(|| match self.illumination {
+            None => {
+                for (value, variance) in value.iter_mut().zip(&mut variance) {
+                    scale_pixel(value, variance, reach);
+                }
             }
-        }
+            Some(light) => {
+                for (i, (value, variance)) in value.iter_mut().zip(&mut variance).enumerate() {
+                    let light = light.get(i).copied().unwrap_or(f32::NAN);
+                    scale_pixel(value, variance, reach * light);
+                }
+            }
+        });
         (value, variance)
     }
 

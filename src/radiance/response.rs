@@ -161,19 +161,44 @@ impl Response {
 /// Variance of the rounding of a stored value: one twelfth of its squared step. Where channels share
 /// an exponent, `stored` is the brightest channel's value.
 pub fn rounding(stored: f32, storage: Storage) -> f32 {
-    // The exponent of the binade that holds the value; the step is 2^(exponent − fraction bits).
-    let step = |lowest: i32, fraction: i32| {
-        let exponent = (((stored.to_bits() >> 23) & 0xff) as i32 - 127).max(lowest);
-        // 2^k as bits; k stays within the normal range of f32 for both kinds.
-        f32::from_bits(((exponent - fraction + 127).max(0) as u32) << 23)
-    };
-    let step = match storage {
-        Storage::Integer { .. } | Storage::Sensor { .. } => 1.0,
-        Storage::Half => step(-14, 10),
-        Storage::Float => step(-103, 23),
-        // The brightest channel's mantissa has 8 bits, 128 to 255.
-        Storage::SharedExponent => step(-100, 7),
-    };
+    match Steps::of(storage) {
+        Steps::Whole => 1.0 / 12.0,
+        Steps::Binades { lowest, fraction } => rounding_in_binade(stored, lowest, fraction),
+    }
+}
+
+/// How far apart stored values lie.
+pub(super) enum Steps {
+    /// Whole numbers.
+    Whole,
+    /// Powers of two, with the size of the value.
+    Binades {
+        /// Exponent below which steps do not get finer.
+        lowest: i32,
+        /// Bits of the fraction.
+        fraction: i32,
+    },
+}
+
+impl Steps {
+    pub(super) fn of(storage: Storage) -> Self {
+        let binades = |lowest, fraction| Self::Binades { lowest, fraction };
+        match storage {
+            Storage::Integer { .. } | Storage::Sensor { .. } => Self::Whole,
+            Storage::Half => binades(-14, 10),
+            Storage::Float => binades(-103, 23),
+            // The brightest channel's mantissa has 8 bits, 128 to 255.
+            Storage::SharedExponent => binades(-100, 7),
+        }
+    }
+}
+
+/// The variance of rounding in the binade that holds the value: the step is 2^(exponent − fraction bits).
+#[inline(always)]
+pub(super) fn rounding_in_binade(stored: f32, lowest: i32, fraction: i32) -> f32 {
+    let exponent = (((stored.to_bits() >> 23) & 0xff) as i32 - 127).max(lowest);
+    // 2^k as bits; k stays within the normal range of f32 for all kinds.
+    let step = f32::from_bits(((exponent - fraction + 127).max(0) as u32) << 23);
     step * step / 12.0
 }
 

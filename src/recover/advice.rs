@@ -6,8 +6,9 @@
 
 use std::f64::consts::{PI, TAU};
 
+use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::DenseSolveCore;
-use faer::{Mat, Side};
+use faer::{Accum, Mat, Par, Side};
 use num_complex::Complex64;
 use rayon::prelude::*;
 
@@ -186,20 +187,24 @@ pub fn lighting(
             mean_light / 2f64.sqrt()
         }
     };
-    let information = |samples: &Samples| {
-        let system = NormalSystem::with_transfer(samples, 0, transfer.clone(), ORDER);
-        Mat::from_fn(2 * ORDER + 1, 2 * ORDER + 1, |i, j| {
-            system.matrix[(i, j)] * scale(i) * scale(j)
-        })
-    };
-    let have = information(&thinned.samples);
+    let unknowns = 2 * ORDER + 1;
+    let system = NormalSystem::with_transfer(&thinned.samples, 0, transfer.clone(), ORDER);
+    let have = Mat::from_fn(unknowns, unknowns, |i, j| {
+        let own = if i == j { 1.0 } else { 0.0 };
+        system.matrix[(i, j)] * scale(i) * scale(j) + own
+    });
     let known = |more: Option<Mat<f64>>| -> Option<f64> {
         let mut precision = have.clone();
-        if let Some(more) = more {
-            precision += more;
-        }
-        for i in 0..precision.nrows() {
-            precision[(i, i)] += 1.0;
+        if let Some(rows) = more {
+            let transposed = rows.transpose();
+            matmul(
+                precision.as_mut(),
+                Accum::Add,
+                transposed,
+                &rows,
+                1.0,
+                Par::Seq,
+            );
         }
         let covariance = precision.llt(Side::Lower).ok()?.inverse();
         Some(
@@ -208,12 +213,41 @@ pub fn lighting(
                 .sum(),
         )
     };
+    // A row for each sample of a further view: what it measures of each unknown, in its own standard deviation.
+    let rows = |orbit: f64| {
+        let view = thinned.view(orbit);
+        let mut rows = Mat::zeros(view.columns.len(), unknowns);
+        for (j, (column, h)) in view.columns.iter().zip(&transfer).enumerate() {
+            let (Some(&alpha), Some(&variance)) =
+                (column.alpha.first(), column.variance[0].first())
+            else {
+                continue;
+            };
+            if !(variance > 0.0 && variance.is_finite()) {
+                continue;
+            }
+            let weight = variance.sqrt().recip();
+            let turn = Complex64::cis(alpha);
+            let mut wave = Complex64::new(weight, 0.0);
+            for (p, h) in h.iter().enumerate() {
+                let g = h * wave;
+                if p == 0 {
+                    rows[(j, 0)] = g.re * scale(0);
+                } else {
+                    rows[(j, 2 * p - 1)] = 2.0 * g.re * scale(2 * p - 1);
+                    rows[(j, 2 * p)] = -2.0 * g.im * scale(2 * p);
+                }
+                wave *= turn;
+            }
+        }
+        rows
+    };
     let Some(now) = known(None) else {
         return Err(Error::failed("the information matrix cannot be inverted"));
     };
     Ok(Advice {
         now,
-        view: best(|orbit| known(Some(information(&thinned.view(orbit))))),
+        view: best(|orbit| known(Some(rows(orbit)))),
         source: None,
     })
 }

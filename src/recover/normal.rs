@@ -80,10 +80,6 @@ fn weight(variance: f64) -> f64 {
     }
 }
 
-/// Samples that the sums of an irregular column take side by side, so that their recurrences do not wait for each
-/// other.
-const LANES: usize = 8;
-
 /// How the samples of a column lie on the circle.
 #[derive(Clone, Debug)]
 enum Turns {
@@ -109,42 +105,109 @@ impl Turns {
         column.alpha.iter().map(turn).collect()
     }
 
-    /// Σ_i value_i e^{−idα_i} for 0 ≤ d ≤ order: an FFT on a regular circle, else by recurrence.
-    fn sums(&self, column: &Column, values: &[f64], order: usize) -> Vec<Complex64> {
+    /// Σ_i value_i e^{−idα_i} for 0 ≤ d ≤ order, for each of some lists of values: an FFT on a regular circle, else by
+    /// recurrence.
+    fn sums(&self, column: &Column, values: &[&[f64]], order: usize) -> Vec<Vec<Complex64>> {
         match self {
             Self::Regular(n, start) if order > 4 => {
-                CircleTransform::new(*n, *start).sum(values, order)
+                let circle = CircleTransform::new(*n, *start);
+                values.iter().map(|v| circle.sum(v, order)).collect()
             }
-            Self::Regular(..) => recurrence(&Self::each(column), values, order),
-            Self::Irregular(turns) => recurrence(turns, values, order),
+            Self::Regular(..) => by_recurrence(&Self::each(column), values, order),
+            Self::Irregular(turns) => by_recurrence(turns, values, order),
         }
     }
 }
 
-/// Σ_i value_i turn_i^d for 0 ≤ d ≤ order.
-fn recurrence(turns: &[[f64; 2]], values: &[f64], order: usize) -> Vec<Complex64> {
-    let mut sums = vec![Complex64::ZERO; order + 1];
-    let mut present = turns.iter().zip(values).filter(|(_, value)| **value != 0.0);
-    loop {
-        // Real and imaginary parts apart: lanes of plain numbers are what processors are fast at.
-        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
-        let (mut cosine, mut sine) = ([0.0; LANES], [0.0; LANES]);
-        let mut filled = 0;
-        for ([cos, sin], value) in present.by_ref().take(LANES) {
-            (re[filled], cosine[filled], sine[filled]) = (*value, *cos, *sin);
-            filled += 1;
+/// Lists of values whose sums share the turns' powers.
+const TOGETHER: usize = 4;
+
+/// Σ_i value_i turn_i^d for 0 ≤ d ≤ order, for each list of values.
+fn by_recurrence(turns: &[[f64; 2]], values: &[&[f64]], order: usize) -> Vec<Vec<Complex64>> {
+    fn powers<const N: usize>(
+        turns: &[[f64; 2]],
+        values: [&[f64]; N],
+        order: usize,
+    ) -> [Vec<Complex64>; N] {
+        pulp::Arch::new().dispatch(Powers {
+            turns,
+            values,
+            order,
+        })
+    }
+    let mut sums = Vec::with_capacity(values.len());
+    for group in values.chunks(TOGETHER) {
+        match *group {
+            [a, b, c, d] => sums.extend(powers(turns, [a, b, c, d], order)),
+            [a, b, c] => sums.extend(powers(turns, [a, b, c], order)),
+            [a, b] => sums.extend(powers(turns, [a, b], order)),
+            [a] => sums.extend(powers(turns, [a], order)),
+            _ => {}
         }
-        if filled == 0 {
-            return sums;
-        }
-        for s in &mut sums {
-            *s += Complex64::new(re.iter().sum(), im.iter().sum());
-            for lane in 0..LANES {
-                let turned = re[lane] * cosine[lane] - im[lane] * sine[lane];
-                im[lane] = re[lane] * sine[lane] + im[lane] * cosine[lane];
-                re[lane] = turned;
+    }
+    sums
+}
+
+/// The sums of N lists, with the processor's widest instructions: as many samples side by side as it takes at once.
+struct Powers<'a, const N: usize> {
+    turns: &'a [[f64; 2]],
+    values: [&'a [f64]; N],
+    order: usize,
+}
+
+impl<const N: usize> pulp::WithSimd for Powers<'_, N> {
+    type Output = [Vec<Complex64>; N];
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> [Vec<Complex64>; N] {
+        let zero = simd.splat_f64s(0.0);
+        // Samples that any of the lists has.
+        let present: Vec<usize> = (0..self.turns.len())
+            .filter(|&i| {
+                self.values
+                    .iter()
+                    .any(|list| list.get(i).is_some_and(|v| *v != 0.0))
+            })
+            .collect();
+        // Cosine, sine, real and imaginary part of the power so far, and the values, in vectors; the last ones are
+        // filled up with zeros.
+        let vectors = present.len().div_ceil(S::F64_LANES);
+        let mut all = vec![([zero, zero, simd.splat_f64s(1.0), zero], [zero; N]); vectors];
+        let put = |vector: &mut S::f64s, lane: usize, value: f64| {
+            let lanes: &mut [f64] = pulp::bytemuck::cast_slice_mut(std::slice::from_mut(vector));
+            if let Some(out) = lanes.get_mut(lane) {
+                *out = value;
+            }
+        };
+        for (at, &i) in present.iter().enumerate() {
+            let lane = at % S::F64_LANES;
+            let (powers, lists) = &mut all[at / S::F64_LANES];
+            put(&mut powers[0], lane, self.turns[i][0]);
+            put(&mut powers[1], lane, self.turns[i][1]);
+            for (list, values) in lists.iter_mut().zip(&self.values) {
+                put(list, lane, values.get(i).copied().unwrap_or(0.0));
             }
         }
+        let mut sums = std::array::from_fn(|_| Vec::with_capacity(self.order + 1));
+        for _ in 0..=self.order {
+            let mut total = [[zero; 2]; N];
+            for ([cos, sin, re, im], lists) in &mut all {
+                for (total, &list) in total.iter_mut().zip(&*lists) {
+                    total[0] = simd.mul_add_e_f64s(list, *re, total[0]);
+                    total[1] = simd.mul_add_e_f64s(list, *im, total[1]);
+                }
+                let turned = simd.sub_f64s(simd.mul_f64s(*re, *cos), simd.mul_f64s(*im, *sin));
+                *im = simd.mul_add_e_f64s(*re, *sin, simd.mul_f64s(*im, *cos));
+                *re = turned;
+            }
+            for (sums, [re, im]) in sums.iter_mut().zip(total) {
+                sums.push(Complex64::new(
+                    simd.reduce_sum_f64s(re),
+                    simd.reduce_sum_f64s(im),
+                ));
+            }
+        }
+        sums
     }
 }
 
@@ -208,27 +271,49 @@ impl NormalSystem {
     /// Dᵀ W f for any function f given at the samples, \[column\]\[n\]; f at missing samples is
     /// ignored. `samples` are those that the system was made of.
     pub fn project(&self, samples: &Samples, f: &[Vec<f64>]) -> Vec<f64> {
-        let parts: Vec<Vec<f64>> = f
+        Self::project_all(samples, &[(self, f)])
+            .pop()
+            .unwrap_or_default()
+    }
+
+    /// The same for many functions, each with the system of its channel; all systems are of the same samples. Functions
+    /// that vanish at the same samples are best next to each other.
+    pub fn project_all(samples: &Samples, all: &[(&Self, &[Vec<f64>])]) -> Vec<Vec<f64>> {
+        let Some(order) = all.iter().map(|(system, _)| system.order).max() else {
+            return Vec::new();
+        };
+        let zeros: Vec<Vec<f64>> = all
+            .iter()
+            .map(|(system, _)| vec![0.0; 2 * system.order + 1])
+            .collect();
+        let places: Vec<usize> = (0..samples.columns.len()).collect();
+        let parts: Vec<Vec<Vec<f64>>> = places
             .par_chunks(CHUNK)
-            .enumerate()
-            .map(|(chunk, values)| {
-                let mut y = vec![0.0; 2 * self.order + 1];
-                for (k, f) in values.iter().enumerate() {
-                    let j = chunk * CHUNK + k;
-                    let weighted: Vec<f64> = f
+            .map(|places| {
+                let mut y = zeros.clone();
+                for &j in places {
+                    let weighted: Vec<Vec<f64>> = all
                         .iter()
-                        .zip(&self.weights[j])
-                        .map(|(f, w)| if *w > 0.0 { w * f } else { 0.0 })
+                        .map(|(system, f)| {
+                            let values = f.get(j).map_or(&[][..], Vec::as_slice);
+                            let both = values.iter().zip(&system.weights[j]);
+                            both.map(|(f, w)| if *w > 0.0 { w * f } else { 0.0 })
+                                .collect()
+                        })
                         .collect();
-                    let sums = self.turns[j].sums(&samples.columns[j], &weighted, self.order);
-                    add_projection(&mut y, &self.transfer[j], &sums);
+                    let weighted: Vec<&[f64]> = weighted.iter().map(Vec::as_slice).collect();
+                    let turns = &all[0].0.turns[j];
+                    let sums = turns.sums(&samples.columns[j], &weighted, order);
+                    for ((y, (system, _)), sums) in y.iter_mut().zip(all).zip(&sums) {
+                        add_projection(y, &system.transfer[j], sums);
+                    }
                 }
                 y
             })
             .collect();
-        let mut y = vec![0.0; 2 * self.order + 1];
+        let mut y = zeros;
         for part in &parts {
-            for (a, b) in y.iter_mut().zip(part) {
+            for (a, b) in y.iter_mut().flatten().zip(part.iter().flatten()) {
                 *a += b;
             }
         }
@@ -355,14 +440,35 @@ impl Part {
                 self.largest = self.largest.max(b.abs());
             }
         }
-        add_projection(
-            &mut self.vector,
-            h,
-            &turns.sums(column, &weighted, self.order),
-        );
         // S_d = Σ w e^{idα}; real and imaginary parts apart, and once more backwards from the order, so that all
         // that a row needs runs forwards.
-        let sums = turns.sums(column, weights, 2 * order);
+        let both = turns.sums(column, &[&weighted, weights], 2 * order);
+        let [of_values, sums] = both.as_slice() else {
+            return;
+        };
+        add_projection(&mut self.vector, h, of_values);
+        pulp::Arch::new().dispatch(AddSquares {
+            part: self,
+            h,
+            sums,
+        });
+    }
+}
+
+/// Adds a column's Σ w G_p G_q to the matrix, for the processor's widest instructions.
+struct AddSquares<'a> {
+    part: &'a mut Part,
+    h: &'a [Complex64],
+    sums: &'a [Complex64],
+}
+
+impl pulp::NullaryFnOnce for AddSquares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { part, h, sums } = self;
+        let order = part.order;
         let s: [Vec<f64>; 2] = [
             sums.iter().map(|s| s.re).collect(),
             sums.iter().map(|s| -s.im).collect(),
@@ -374,21 +480,21 @@ impl Part {
             h.iter().map(|h| h.im).collect(),
         ];
         let h0 = h[0].re;
-        self.real_real[0] += h0 * h0 * s[0][0];
+        part.real_real[0] += h0 * h0 * s[0][0];
         for p in 1..=order {
             let start = p * (order + 1);
             let (re, im) = (h[p].re, h[p].im);
-            self.real_real[start] += 2.0 * h0 * (re * s[0][p] - im * s[1][p]);
-            self.imaginary_real[start] -= 2.0 * h0 * (re * s[1][p] + im * s[0][p]);
+            part.real_real[start] += 2.0 * h0 * (re * s[0][p] - im * s[1][p]);
+            part.imaginary_real[start] -= 2.0 * h0 * (re * s[1][p] + im * s[0][p]);
             let (hr, hi) = (&parts[0][1..=p], &parts[1][1..=p]);
             let (dr, di) = (&back[0][order - p + 1..], &back[1][order - p + 1..]);
             let (sr, si) = (&s[0][p + 1..=2 * p], &s[1][p + 1..=2 * p]);
             let (dr, di) = (&dr[..p], &di[..p]);
             let row = start + 1..start + 1 + p;
-            let rr = &mut self.real_real[row.clone()];
-            let ri = &mut self.real_imaginary[row.clone()];
-            let ir = &mut self.imaginary_real[row.clone()];
-            let ii = &mut self.imaginary_imaginary[row];
+            let rr = &mut part.real_real[row.clone()];
+            let ri = &mut part.real_imaginary[row.clone()];
+            let ir = &mut part.imaginary_real[row.clone()];
+            let ii = &mut part.imaginary_imaginary[row];
             for q in 0..p {
                 // Σ w G_p conj(G_q) and Σ w G_p G_q with G_p = H_p e^{ipα}.
                 let (x, y) = (re * dr[q] - im * di[q], re * di[q] + im * dr[q]);

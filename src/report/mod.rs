@@ -21,6 +21,7 @@ mod tests;
 mod validation;
 
 use askama::Template;
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::pipeline::Run;
@@ -30,6 +31,12 @@ use figure::Figure;
 use methods::Passage;
 use results::ResultTable;
 pub use validation::validation;
+
+/// Values under the pointer, larger parts of plots, sorted tables.
+const SCRIPT: &str = concat!(
+    include_str!("template/zoom.js"),
+    include_str!("template/script.js")
+);
 
 /// The page as the template takes it.
 #[derive(Template)]
@@ -66,30 +73,7 @@ struct Section {
 /// If an image cannot be encoded or the data disagree with their own sizes.
 pub fn page(run: &Run) -> Result<String> {
     check(run)?;
-    let mut object = vec![figure::setup(run)];
-    object.extend(figure::photos(run)?);
-    let mut light_field = vec![
-        figure::light_field(run)?,
-        figure::coverage(run)?,
-        figure::sigma(run)?,
-    ];
-    light_field.extend(figure::magnitudes(run));
-    light_field.extend(figure::coefficient_image(run)?);
-    let mut lighting = Vec::new();
-    lighting.extend(figure::lighting_curve(run));
-    lighting.extend(figure::lighting_polar(run));
-    lighting.extend(figure::lighting_spectrum(run));
-    lighting.extend(figure::ways_compared(run));
-    lighting.extend(figure::eigenvalues(run));
-    let mut brdf = Vec::new();
-    brdf.extend(figure::brdf_cuts(run));
-    brdf.extend(figure::brdf_image(run)?);
-    brdf.extend(figure::brdf_sigma(run)?);
-    brdf.extend(figure::brdf_status(run));
-    let mut fit = Vec::new();
-    fit.extend(figure::residual_image(run)?);
-    fit.extend(figure::residual_histogram(run));
-    fit.extend(figure::regularisation(run));
+    let [lighting, brdf, object, light_field, fit] = figures(run)?;
     let sections = [
         ("lighting-section", "Lighting", lighting),
         ("brdf-section", "BRDF", brdf),
@@ -112,7 +96,7 @@ pub fn page(run: &Run) -> Result<String> {
         capture: &run.capture_name,
         version: &run.version,
         style: include_str!("template/style.css"),
-        script: include_str!("template/script.js"),
+        script: SCRIPT,
         gradients: plot::ColourMap::gradients(),
         warnings: &run.warnings,
         findings: &run.findings,
@@ -134,6 +118,46 @@ pub fn page(run: &Run) -> Result<String> {
     };
     page.render()
         .map_err(|e| Error::failed(format!("cannot write the report: {e}")))
+}
+
+/// The figures on lighting, BRDF, object, light field and fit, drawn side by side.
+fn figures(run: &Run) -> Result<[Vec<Figure>; 5]> {
+    type Draw = fn(&Run) -> Result<Vec<Figure>>;
+    fn one(figure: Option<Figure>) -> Result<Vec<Figure>> {
+        Ok(figure.into_iter().collect())
+    }
+    let draw: [(usize, Draw); 18] = [
+        (0, |run| one(figure::lighting_curve(run))),
+        (0, |run| one(figure::lighting_polar(run))),
+        (0, |run| one(figure::lighting_spectrum(run))),
+        (0, |run| one(figure::ways_compared(run))),
+        (0, |run| one(figure::eigenvalues(run))),
+        (1, |run| one(figure::brdf_cuts(run))),
+        (1, |run| one(figure::brdf_image(run)?)),
+        (1, |run| one(figure::brdf_sigma(run)?)),
+        (1, |run| one(figure::brdf_status(run))),
+        (2, |run| Ok(vec![figure::setup(run)])),
+        (2, |run| Ok(figure::photos(run)?.into_iter().collect())),
+        (3, |run| Ok(vec![figure::light_field(run)?])),
+        (3, |run| Ok(vec![figure::coverage(run)?])),
+        (3, |run| Ok(vec![figure::sigma(run)?])),
+        (3, |run| one(figure::magnitudes(run))),
+        (3, |run| one(figure::coefficient_image(run)?)),
+        (4, |run| one(figure::residual_image(run)?)),
+        (4, |run| {
+            let both = [figure::residual_histogram(run), figure::regularisation(run)];
+            Ok(both.into_iter().flatten().collect())
+        }),
+    ];
+    let drawn: Vec<Vec<Figure>> = draw
+        .par_iter()
+        .map(|(_, draw)| draw(run))
+        .collect::<Result<_>>()?;
+    let mut sections: [Vec<Figure>; 5] = Default::default();
+    for ((section, _), figures) in draw.iter().zip(drawn) {
+        sections[*section].extend(figures);
+    }
+    Ok(sections)
 }
 
 /// Whether the arrays have the sizes that their grid and channels promise; the figures rely on it.

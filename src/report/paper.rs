@@ -98,7 +98,7 @@ pub fn page(paper: &Paper) -> Result<String> {
         version: env!("CARGO_PKG_VERSION"),
         style: include_str!("template/style.css"),
         own_style: include_str!("template/paper.css"),
-        script: include_str!("template/script.js"),
+        script: super::SCRIPT,
         gradients: ColourMap::gradients(),
         passed: paper.checks.iter().filter(|c| c.passed).count(),
         all: paper.checks.len(),

@@ -59,7 +59,7 @@ impl Sheet<'_> {
             kind: self.kind,
             version: env!("CARGO_PKG_VERSION"),
             style: include_str!("template/style.css"),
-            script: include_str!("template/script.js"),
+            script: super::SCRIPT,
             gradients: ColourMap::gradients(),
             warnings: &self.warnings,
             findings: &self.findings,

@@ -171,11 +171,66 @@ pub(super) struct Edge {
     pub chi2: f64,
 }
 
-struct Sample {
-    value: f64,
-    weight: f64,
-    /// Square root of the weight.
-    root: f64,
+/// Pixels of a strip's lines: values, weights, and the square roots of these.
+#[derive(Default)]
+struct Pixels {
+    value: Vec<f64>,
+    weight: Vec<f64>,
+    root: Vec<f64>,
+}
+
+/// Sums over some pixels with Huber's weights: of the weights, of weight times miss, of weight times squared miss, of
+/// the factors on the weights. For the processor's widest instructions.
+struct RobustSums<'a> {
+    pixels: &'a Pixels,
+    rows: Range<usize>,
+    expected: f64,
+    robust: bool,
+}
+
+impl pulp::NullaryFnOnce for RobustSums<'_> {
+    type Output = [f64; 4];
+
+    #[inline(always)]
+    fn call(self) -> [f64; 4] {
+        let Self {
+            pixels,
+            rows,
+            expected,
+            robust,
+        } = self;
+        const LANES: usize = 4;
+        let [value, weight, root] = [&pixels.value, &pixels.weight, &pixels.root]
+            .map(|list| list.get(rows.clone()).unwrap_or(&[]).as_chunks::<LANES>());
+        let terms = |value: f64, weight: f64, root: f64| {
+            let miss = value - expected;
+            let sigmas = miss.abs() * root;
+            let huber = if robust && sigmas > 2.5 {
+                2.5 / sigmas
+            } else {
+                1.0
+            };
+            let w = weight * huber;
+            [w, w * miss, w * miss * miss, huber]
+        };
+        let mut sums = [[0.0; LANES]; 4];
+        for ((value, weight), root) in value.0.iter().zip(weight.0).zip(root.0) {
+            for lane in 0..LANES {
+                let found = terms(value[lane], weight[lane], root[lane]);
+                for k in 0..4 {
+                    sums[k][lane] += found[k];
+                }
+            }
+        }
+        let mut total = sums.map(|lanes| lanes.iter().sum::<f64>());
+        for ((value, weight), root) in value.1.iter().zip(weight.1).zip(root.1) {
+            let found = terms(*value, *weight, *root);
+            for k in 0..4 {
+                total[k] += found[k];
+            }
+        }
+        total
+    }
 }
 
 /// Blurs that are tried, pixels (standard deviation), and the part of χ² that blur must explain to be believed: the
@@ -185,22 +240,38 @@ const BLUR_GAIN: f64 = 0.7;
 /// Nodes of the blur's quadrature, half a standard deviation apart.
 const BLUR_NODES: i32 = 6;
 
-/// The blur of a photo (pixels), from where its limb has been found roughly: `found` holds strips, their profiles and
-/// the limb's depth in them.
-pub(super) fn blur(found: &[(&Strip, &Profile, f64)], radius_px: f64) -> f64 {
-    let chi2 = |blur: f64| -> f64 {
-        let edges = found
-            .iter()
-            .filter_map(|(strip, profile, start)| locate(strip, profile, *start, radius_px, blur));
-        let (count, sum) = edges.fold((0usize, 0.0), |(n, sum), e| (n + 1, sum + e.chi2));
-        if count == found.len() {
-            sum
-        } else {
-            f64::INFINITY
+/// A strip, its profile, the limb's depth in it by the bands' agreement, and the limb of a sharp photo there.
+pub(super) struct Found<'a> {
+    pub strip: &'a Strip,
+    pub profile: &'a Profile,
+    pub start: f64,
+    pub sharp: Option<Edge>,
+}
+
+/// The blur of a photo (pixels), from where its limb has been found roughly.
+pub(super) fn blur(mut found: Vec<Found<'_>>, radius_px: f64) -> f64 {
+    let of_sharp = |f: &Found<'_>| f.sharp.map_or(f64::INFINITY, |e| e.chi2);
+    found.sort_by(|a, b| of_sharp(b).total_cmp(&of_sharp(a)));
+    // Beyond `limit` a lower bound.
+    let chi2 = |blur: f64, limit: f64| -> f64 {
+        let mut sum = 0.0;
+        for f in &found {
+            match locate(f.strip, f.profile, f.start, radius_px, blur) {
+                Some(edge) => sum += edge.chi2,
+                None => return f64::INFINITY,
+            }
+            if sum > limit {
+                break;
+            }
         }
+        sum
     };
-    let sharp = chi2(0.0);
-    let tried = BLURS.map(|b| (b, chi2(b)));
+    let sharp: f64 = found.iter().map(of_sharp).sum();
+    let limit = (1.0 - BLUR_GAIN) * sharp;
+    if BLURS.iter().all(|&b| chi2(b, limit) > limit) {
+        return 0.0;
+    }
+    let tried = BLURS.map(|b| (b, chi2(b, f64::INFINITY)));
     let (mut best, mut least) = (0.0, f64::INFINITY);
     for (k, &(b, chi)) in tried.iter().enumerate() {
         if chi < least {
@@ -216,7 +287,7 @@ pub(super) fn blur(found: &[(&Strip, &Profile, f64)], radius_px: f64) -> f64 {
         }
     }
     // Also if no sharp limb can be fitted at all.
-    if least.is_finite() && !(least > (1.0 - BLUR_GAIN) * sharp) {
+    if least.is_finite() && !(least > limit) {
         best
     } else {
         0.0
@@ -233,7 +304,7 @@ pub(super) fn locate(
     blur: f64,
 ) -> Option<Edge> {
     let inside = (0.03 * radius_px).clamp(6.0, INSIDE as f64);
-    let mut samples = Vec::new();
+    let mut pixels = Pixels::default();
     let mut depths: Vec<(f64, Range<usize>)> = Vec::new();
     for row in level(&strip.lines) {
         let Some(first) = row.first().map(|line| line.first) else {
@@ -242,40 +313,37 @@ pub(super) fn locate(
         let from = (start - OUTSIDE as f64 - first).ceil().max(0.0) as usize;
         let to = (start + inside - first).floor().max(0.0) as usize;
         for k in from..=to {
-            let begin = samples.len();
+            let begin = pixels.value.len();
             for line in row {
                 if let (Some(value), Some(variance)) = (line.value.get(k), line.variance.get(k))
                     && variance.is_finite()
                 {
-                    samples.push(Sample {
-                        value: f64::from(*value),
-                        weight: f64::from(*variance),
-                        root: 0.0,
-                    });
+                    pixels.value.push(f64::from(*value));
+                    pixels.weight.push(f64::from(*variance));
                 }
             }
-            if samples.len() > begin {
-                depths.push((first + k as f64, begin..samples.len()));
+            if pixels.value.len() > begin {
+                depths.push((first + k as f64, begin..pixels.value.len()));
             }
         }
     }
-    if samples.len() < 12 {
+    if pixels.value.len() < 12 {
         return None;
     }
     let (low, high) = profile.range(start - OUTSIDE as f64, start + inside)?;
     let floor = (0.3 * MODEL_ERROR * (high - low)).powi(2);
     let mut systematic = 0.0;
-    for s in &mut samples {
-        s.weight = 1.0 / (s.weight.max(profile.pixel_variance) + floor);
-        s.root = s.weight.sqrt();
-        systematic += floor * s.weight;
-        if !s.weight.is_finite() {
+    for weight in &mut pixels.weight {
+        *weight = 1.0 / (weight.max(profile.pixel_variance) + floor);
+        pixels.root.push(weight.sqrt());
+        systematic += floor * *weight;
+        if !weight.is_finite() {
             return None;
         }
     }
 
     // Of the fit's variance, the share of the model's error does not shrink with the number of rows.
-    let systematic = systematic / samples.len() as f64 * strip.lines.len() as f64;
+    let systematic = systematic / pixels.value.len() as f64 * strip.lines.len() as f64;
     // How much of the contrast each power of √x may carry at the window's end; it matters only where noise
     // would otherwise trade them against each other and against the edge.
     let span = inside;
@@ -307,22 +375,19 @@ pub(super) fn locate(
             };
             let row =
                 SVector::<f64, 6>::new(d_edge, basis[0], basis[1], basis[2], basis[3], basis[4]);
-            let (mut weight, mut pull) = (0.0, 0.0);
-            for s in &samples[rows.clone()] {
-                let miss = s.value - expected;
-                let sigmas = miss.abs() * s.root;
-                let huber = if iteration > 1 && sigmas > 2.5 {
-                    2.5 / sigmas
-                } else {
-                    1.0
-                };
-                let w = s.weight * huber;
-                weight += w;
-                pull += w * miss;
-                chi += w * miss * miss;
-                total += huber;
+            let [weight, pull, squares, used] = pulp::Arch::new().dispatch(RobustSums {
+                pixels: &pixels,
+                rows: rows.clone(),
+                expected,
+                robust: iteration > 1,
+            });
+            chi += squares;
+            total += used;
+            for (j, &b) in row.iter().enumerate() {
+                for (i, &a) in row.iter().enumerate() {
+                    normal[(i, j)] += weight * b * a;
+                }
             }
-            normal.ger(weight, &row, &row, 1.0);
             right += row * pull;
         }
         if iteration == 0 {
@@ -362,62 +427,106 @@ fn level(lines: &[Line]) -> impl Iterator<Item = &[Line]> {
     lines.chunk_by(|a, b| (a.first - b.first).abs() < 1e-8)
 }
 
-/// Nodes of a Gaussian blur along the row (pixels) and their weights.
-fn nodes(blur: f64) -> Vec<(f64, f64)> {
+/// Nodes of a Gaussian blur along the row (pixels) and their weights, padded with nodes of no weight; none: no blur.
+fn nodes(blur: f64) -> Vec<([f64; 4], [f64; 4])> {
     if !(blur > 0.0) {
-        return vec![(0.0, 1.0)];
+        return Vec::new();
     }
-    let all = (-BLUR_NODES..=BLUR_NODES).map(|k| {
-        let z = 0.5 * f64::from(k);
-        (blur * z, (-0.5 * z * z).exp())
-    });
-    let total: f64 = all.clone().map(|(_, weight)| weight).sum();
-    all.map(|(at, weight)| (at, weight / total)).collect()
+    let all: Vec<(f64, f64)> = (-BLUR_NODES..=BLUR_NODES)
+        .map(|k| {
+            let z = 0.5 * f64::from(k);
+            (blur * z, (-0.5 * z * z).exp())
+        })
+        .collect();
+    let total: f64 = all.iter().map(|(_, weight)| weight).sum();
+    all.chunks(4)
+        .map(|nodes| {
+            let node = |k: usize| nodes.get(k).copied().unwrap_or((0.0, 0.0));
+            (
+                std::array::from_fn(|k| node(k).0),
+                std::array::from_fn(|k| node(k).1 / total),
+            )
+        })
+        .collect()
 }
 
-/// [`pixel`] seen through a blur of such nodes, in increasing order.
+/// [`pixel`] seen through a blur of such nodes.
 fn blurred_pixel(
     depth: f64,
     slant: f64,
-    blur: &[(f64, f64)],
+    blur: &[([f64; 4], [f64; 4])],
 ) -> (SVector<f64, 5>, SVector<f64, 5>) {
-    let (mut basis, mut turn) = (SVector::zeros(), SVector::zeros());
-    if blur
-        .last()
-        .is_none_or(|(deepest, _)| depth + deepest + 0.5 <= 0.0)
-    {
-        basis[0] = 1.0;
-        return (basis, turn);
+    if blur.is_empty() {
+        return pixel(depth, slant);
     }
-    for (at, weight) in blur {
-        let (b, t) = pixel(depth + at, slant);
-        basis += b * *weight;
-        turn += t * *weight;
+    let reaches = |at: &f64| depth + at + 0.5 > 0.0;
+    if !blur.iter().any(|(at, _)| at.iter().any(reaches)) {
+        return (
+            SVector::<f64, 5>::new(1.0, 0.0, 0.0, 0.0, 0.0),
+            SVector::zeros(),
+        );
     }
-    (basis, turn)
+    let sums = pulp::Arch::new().dispatch(BlurredTerms { depth, slant, blur });
+    (
+        SVector::from_fn(|j, _| sums[j]),
+        SVector::from_fn(|j, _| sums[5 + j]),
+    )
+}
+
+/// [`terms`] through a blur, for the processor's widest instructions.
+struct BlurredTerms<'a> {
+    depth: f64,
+    slant: f64,
+    blur: &'a [([f64; 4], [f64; 4])],
+}
+
+impl pulp::NullaryFnOnce for BlurredTerms<'_> {
+    type Output = [f64; 10];
+
+    #[inline(always)]
+    fn call(self) -> [f64; 10] {
+        let mut sums = [[0.0; 4]; 10];
+        for (at, weight) in self.blur {
+            for k in 0..4 {
+                let (basis, turn) = terms(self.depth + at[k], self.slant);
+                for j in 0..5 {
+                    sums[j][k] += basis[j] * weight[k];
+                    sums[5 + j][k] += turn[j] * weight[k];
+                }
+            }
+        }
+        sums.map(|lanes| lanes.iter().sum::<f64>())
+    }
 }
 
 /// Background and l₀ … l₃ averaged over a pixel whose centre lies `depth` inside the limb (along the
 /// row; `slant` turns that into depth across the limb), and their derivative by the limb's depth.
 fn pixel(depth: f64, slant: f64) -> (SVector<f64, 5>, SVector<f64, 5>) {
+    let (basis, turn) = terms(depth, slant);
+    (SVector::from(basis), SVector::from(turn))
+}
+
+#[inline(always)]
+fn terms(depth: f64, slant: f64) -> ([f64; 5], [f64; 5]) {
     let a = (depth - 0.5).max(0.0) * slant;
     let b = (depth + 0.5).max(0.0) * slant;
     let (root_a, root_b) = (a.sqrt(), b.sqrt());
     let covered = (b - a) / slant;
-    let basis = SVector::<f64, 5>::new(
+    let basis = [
         1.0 - covered,
         covered,
         (b * root_b - a * root_a) / (1.5 * slant),
         0.5 * (b * b - a * a) / slant,
         (b * b * root_b - a * a * root_a) / (2.5 * slant),
-    );
-    let crossed = f64::from(b > 0.0) - f64::from(a > 0.0);
-    let turn = SVector::<f64, 5>::new(
+    ];
+    let one_if = |inside: bool| if inside { 1.0 } else { 0.0 };
+    let crossed = one_if(b > 0.0) - one_if(a > 0.0);
+    let turn = [
         crossed,
         -crossed,
         root_a - root_b,
         a - b,
         a * root_a - b * root_b,
-    );
+    ];
     (basis, turn)
 }

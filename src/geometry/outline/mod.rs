@@ -154,16 +154,28 @@ pub fn find(
         })
         .collect();
     let lines = consensus::agree(&candidates, object.shape, reach);
-    let blur = blur(&candidates, &profiles, lines, radius_px);
+    // Where each strip's limb would be in a sharp photo.
+    let sharp: Vec<Option<(f64, Option<edge::Edge>)>> = candidates
+        .iter()
+        .zip(&profiles)
+        .map(|((strip, _), profile)| {
+            let line = lines[usize::from(strip.side == Side::Right)]?;
+            let start = line.depth(strip.row);
+            Some((start, edge::locate(strip, profile, start, radius_px, 0.0)))
+        })
+        .collect();
+    let blur = blur(&candidates, &profiles, &sharp, radius_px);
     let mut limb = Vec::new();
     let mut model_errors = [Vec::new(), Vec::new()];
-    for ((strip, _), profile) in candidates.iter().zip(&profiles) {
-        let line = match strip.side {
-            Side::Left => lines[0],
-            Side::Right => lines[1],
+    for (((strip, _), profile), sharp) in candidates.iter().zip(&profiles).zip(&sharp) {
+        let Some((start, sharp)) = *sharp else {
+            continue;
         };
-        let Some(line) = line else { continue };
-        let found = edge::locate(strip, profile, line.depth(strip.row), radius_px, blur);
+        let found = if blur > 0.0 {
+            edge::locate(strip, profile, start, radius_px, blur)
+        } else {
+            sharp
+        };
         let Some(found) = found.filter(|e| e.contrast.abs() > LEAST_CONTRAST) else {
             continue;
         };
@@ -204,31 +216,35 @@ pub fn find(
     Ok(assemble(status, fitted, camera, object, radius_px, limb))
 }
 
-/// The photo's blur, pixels, from the strips with the most contrast.
+/// The photo's blur, pixels, from the strips with the most contrast; `sharp`: where the limb would be without.
 fn blur(
     candidates: &[(strip::Strip, Vec<edge::Candidate>)],
     profiles: &[strip::Profile],
-    lines: [Option<consensus::Line>; 2],
+    sharp: &[Option<(f64, Option<edge::Edge>)>],
     radius_px: f64,
 ) -> f64 {
-    let mut found: Vec<(f64, (&strip::Strip, &strip::Profile, f64))> = candidates
+    let mut found: Vec<(f64, edge::Found<'_>)> = candidates
         .iter()
         .zip(profiles)
-        .filter_map(|((strip, _), profile)| {
-            let line = lines[usize::from(strip.side == Side::Right)]?;
-            let start = line.depth(strip.row);
-            let sharp = edge::locate(strip, profile, start, radius_px, 0.0);
+        .zip(sharp)
+        .filter_map(|(((strip, _), profile), sharp)| {
+            let (start, sharp) = (*sharp)?;
             let contrast = sharp.map_or(0.0, |e| e.contrast.abs());
-            Some((contrast, (strip, profile, start)))
+            let found = edge::Found {
+                strip,
+                profile,
+                start,
+                sharp,
+            };
+            Some((contrast, found))
         })
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.truncate(BLUR_STRIPS);
-    let strips: Vec<_> = found.into_iter().map(|f| f.1).collect();
-    if strips.is_empty() {
+    if found.is_empty() {
         0.0
     } else {
-        edge::blur(&strips, radius_px)
+        edge::blur(found.into_iter().map(|f| f.1).collect(), radius_px)
     }
 }
 

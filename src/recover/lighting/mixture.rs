@@ -8,7 +8,7 @@ use faer::Mat;
 use rayon::prelude::*;
 
 use super::prior::{Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv};
-use super::sources::{Response, response_derivative, unit_response, weighted_product};
+use super::sources::{Response, response_derivatives, unit_responses, weighted_product};
 use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
 use crate::angle::wrap;
 use crate::brdf::Brdf;
@@ -108,10 +108,13 @@ impl<'a> Channel<'a> {
             .collect();
         let product = |f: &Response, g: &Response| weighted_product(&system.weights, f, g);
         let known = Known {
-            crosses: systematics
-                .iter()
-                .map(|f| system.project(samples, f))
-                .collect(),
+            crosses: {
+                let all: Vec<(&NormalSystem, &[Vec<f64>])> = systematics
+                    .iter()
+                    .map(|f| (&system, f.as_slice()))
+                    .collect();
+                NormalSystem::project_all(samples, &all)
+            },
             between: systematics
                 .iter()
                 .enumerate()
@@ -131,7 +134,7 @@ impl<'a> Channel<'a> {
             known,
             noise_scale: 1.0,
         };
-        let equations = channel.equations(samples, &[]);
+        let equations = channel.equations(&[], &[]);
         let problem = channel.problem(&equations, 0);
         let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
         let residual = problem.residual(channel.system.square, &x);
@@ -148,8 +151,8 @@ impl<'a> Channel<'a> {
     }
 
     /// Posterior of the smooth light and the systematic errors under the weakest prior.
-    pub fn weak_posterior(&self, samples: &Samples) -> Result<Posterior> {
-        let equations = self.equations(samples, &[]);
+    pub fn weak_posterior(&self) -> Result<Posterior> {
+        let equations = self.equations(&[], &[]);
         self.problem(&equations, 0)
             .posterior(&SpectralPrior::flat(self.mean_light))
     }
@@ -165,8 +168,9 @@ impl<'a> Channel<'a> {
         }
     }
 
-    /// Normal equations of coefficients, irradiances of unit responses `sources`, and systematic errors.
-    fn equations(&self, samples: &Samples, sources: &[Arc<Response>]) -> (Mat<f64>, Vec<f64>) {
+    /// Normal equations of coefficients, irradiances of unit responses `sources` (with Dᵀ W f of each in
+    /// `projected`), and systematic errors.
+    fn equations(&self, sources: &[Arc<Response>], projected: &[Vec<f64>]) -> (Mat<f64>, Vec<f64>) {
         let n = self.system.vector.len();
         let extra: Vec<&Response> = sources
             .iter()
@@ -184,13 +188,9 @@ impl<'a> Channel<'a> {
         let mut vector = self.system.vector.clone();
         for (s, response) in extra.iter().enumerate() {
             let systematic = s.checked_sub(sources.len());
-            let own;
             let cross = match systematic {
                 Some(e) => &self.known.crosses[e],
-                None => {
-                    own = self.system.project(samples, response);
-                    &own
-                }
+                None => &projected[s],
             };
             for (i, c) in cross.iter().enumerate() {
                 matrix[(i, n + s)] = *c;
@@ -213,7 +213,7 @@ impl<'a> Channel<'a> {
     }
 
     /// Σ w f g over the channel's samples.
-    fn product(&self, f: &Response, g: &Response) -> f64 {
+    fn product(&self, f: &[Vec<f64>], g: &[Vec<f64>]) -> f64 {
         weighted_product(&self.system.weights, f, g)
     }
 }
@@ -423,7 +423,7 @@ impl Mixture {
         for _ in 0..ROUNDS {
             let priors: Vec<SpectralPrior> = mixture.fits.iter().map(|f| f.prior).collect();
             let held: Vec<Strength> = priors.iter().map(|&p| Strength::Held(p)).collect();
-            settled = Self::descended(samples, channels, &settled, &held)?;
+            settled = mixture.descended_on(samples, channels, &held)?;
             mixture = Self::with_directions(samples, channels, &settled, regularisation)?;
             if mixture.fits.iter().map(|f| f.prior).eq(priors) {
                 break;
@@ -445,17 +445,31 @@ impl Mixture {
         directions: &[f64],
         strengths: &[Strength],
     ) -> Result<Vec<f64>> {
-        let mut directions = directions.to_vec();
-        for _ in 0..STEPS {
-            let mixture = Self::fitted(samples, channels, &directions, strengths)?;
+        Self::fitted(samples, channels, directions, strengths)?
+            .descended_on(samples, channels, strengths)
+    }
+
+    /// The same, starting from this fit, whose priors are those held.
+    fn descended_on(
+        &self,
+        samples: &Samples,
+        channels: &[Channel<'_>],
+        strengths: &[Strength],
+    ) -> Result<Vec<f64>> {
+        let mut directions = self.directions.clone();
+        let mut next;
+        let mut mixture = self;
+        for step in 1..=STEPS {
             let steps = mixture.direction_steps(samples, channels);
             for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
                 *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
             }
             // Steps shrink so fast that what is left after one of a tenth of a standard deviation is nothing.
-            if steps.iter().all(|(step, sigma)| step.abs() < 0.1 * sigma) {
+            if step == STEPS || steps.iter().all(|(step, sigma)| step.abs() < 0.1 * sigma) {
                 break;
             }
+            next = Self::fitted(samples, channels, &directions, strengths)?;
+            mixture = &next;
         }
         Ok(directions)
     }
@@ -479,15 +493,16 @@ impl Mixture {
     ) -> Result<Self> {
         let responses: Vec<Vec<Arc<Response>>> = directions
             .iter()
-            .map(|&theta| of_each_brdf(channels, |brdf| unit_response(samples, brdf, theta)))
+            .map(|&theta| of_each_brdf(channels, |brdfs| unit_responses(samples, brdfs, theta)))
             .collect();
+        let of_channels = projected(samples, channels, &responses);
         let fits: Vec<Fit> = channels
             .par_iter()
             .zip(strengths)
             .enumerate()
             .map(|(c, (channel, strength))| {
                 let own = responses.iter().map(|r| Arc::clone(&r[c])).collect();
-                fit_channel(samples, channel, own, *strength)
+                fit_channel(channel, own, &of_channels[c], *strength)
             })
             .collect::<Result<_>>()?;
         Ok(Self {
@@ -501,19 +516,29 @@ impl Mixture {
 
     /// For each source the Gauss–Newton step of its direction and its standard deviation, radians.
     fn direction_steps(&self, samples: &Samples, channels: &[Channel<'_>]) -> Vec<(f64, f64)> {
-        (0..self.directions.len())
-            .map(|s| {
-                let derivatives = of_each_brdf(channels, |brdf| {
-                    response_derivative(samples, brdf, self.directions[s])
-                });
-                let parts: Vec<(f64, f64)> = channels
-                    .par_iter()
-                    .zip(&self.fits)
-                    .zip(&derivatives)
-                    .map(|((channel, fit), derivative)| {
-                        direction_gradient(samples, channel, fit, s, derivative)
-                    })
-                    .collect();
+        let derivatives: Vec<Vec<Arc<Response>>> = self
+            .directions
+            .iter()
+            .map(|&theta| {
+                of_each_brdf(channels, |brdfs| {
+                    response_derivatives(samples, brdfs, theta)
+                })
+            })
+            .collect();
+        let of_channels = projected(samples, channels, &derivatives);
+        let count = channels.len();
+        let parts: Vec<(f64, f64)> = (0..self.directions.len() * count)
+            .into_par_iter()
+            .map(|k| {
+                let (s, c) = (k / count, k % count);
+                let derivative = derivatives[s][c].as_slice();
+                let cross = of_channels[c][s].clone();
+                direction_gradient(&channels[c], &self.fits[c], s, derivative, cross)
+            })
+            .collect();
+        parts
+            .chunks(count.max(1))
+            .map(|parts| {
                 let gradient: f64 = parts.iter().map(|p| p.0).sum();
                 let curvature: f64 = parts.iter().map(|p| p.1).sum();
                 let sigma = curvature.recip().sqrt();
@@ -595,31 +620,56 @@ impl Mixture {
 /// One function of the samples per distinct BRDF, shared by the channels that have it.
 fn of_each_brdf(
     channels: &[Channel<'_>],
-    make: impl Fn(&dyn Brdf) -> Response,
+    make: impl Fn(&[&dyn Brdf]) -> Vec<Response>,
 ) -> Vec<Arc<Response>> {
-    let mut all: Vec<Arc<Response>> = Vec::with_capacity(channels.len());
-    for channel in channels {
-        all.push(match all.get(channel.twin) {
-            Some(twin) => Arc::clone(twin),
-            None => Arc::new(make(channel.brdf)),
-        });
+    let first = |c: usize| channels.get(c).is_some_and(|channel| channel.twin == c);
+    let distinct: Vec<&dyn Brdf> = (0..channels.len())
+        .filter(|&c| first(c))
+        .map(|c| channels[c].brdf)
+        .collect();
+    let made: Vec<Arc<Response>> = make(&distinct).into_iter().map(Arc::new).collect();
+    let place = |twin: usize| (0..twin).filter(|&c| first(c)).count();
+    channels
+        .iter()
+        .map(|channel| Arc::clone(&made[place(channel.twin)]))
+        .collect()
+}
+
+/// Dᵀ W f of functions of the samples, given as \[function\]\[channel\], as \[channel\]\[function\].
+fn projected(
+    samples: &Samples,
+    channels: &[Channel<'_>],
+    functions: &[Vec<Arc<Response>>],
+) -> Vec<Vec<Vec<f64>>> {
+    let all: Vec<(&NormalSystem, &[Vec<f64>])> = functions
+        .iter()
+        .flat_map(|of_channels| {
+            let both = channels.iter().zip(of_channels);
+            both.map(|(channel, f)| (&channel.system, f.as_slice()))
+        })
+        .collect();
+    let mut found = vec![Vec::with_capacity(functions.len()); channels.len()];
+    for (k, y) in NormalSystem::project_all(samples, &all)
+        .into_iter()
+        .enumerate()
+    {
+        found[k % channels.len()].push(y);
     }
-    all
+    found
 }
 
 /// Gradient and curvature of the log posterior by the direction of source `s`, whose response changes by
-/// `derivative`, with all other unknowns of the channel at their best (profile likelihood).
+/// `derivative` (Dᵀ W of it in `cross`), with all other unknowns of the channel at their best (profile likelihood).
 fn direction_gradient(
-    samples: &Samples,
     channel: &Channel<'_>,
     fit: &Fit,
     s: usize,
-    derivative: &Response,
+    derivative: &[Vec<f64>],
+    mut cross: Vec<f64>,
 ) -> (f64, f64) {
     let n = channel.system.vector.len();
     let irradiance = fit.posterior.mean[n + s];
     let kappa = channel.noise_scale;
-    let mut cross = channel.system.project(samples, derivative);
     let own_responses = fit.responses.iter().map(Arc::as_ref);
     for response in own_responses.chain(&channel.systematics) {
         cross.push(channel.product(response, derivative));
@@ -639,14 +689,14 @@ fn direction_gradient(
 
 /// One channel with the sources' directions held: normal equations of coefficients and irradiances.
 fn fit_channel(
-    samples: &Samples,
     channel: &Channel<'_>,
     responses: Vec<Arc<Response>>,
+    projected: &[Vec<f64>],
     strength: Strength,
 ) -> Result<Fit> {
     let system = &channel.system;
     let n = system.vector.len();
-    let equations = channel.equations(samples, &responses);
+    let equations = channel.equations(&responses, projected);
     let problem = channel.problem(&equations, responses.len());
     let mean_light = channel.mean_light;
     let named = |criterion: &str, strength: f64| RegularisationChoice {

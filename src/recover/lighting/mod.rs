@@ -15,6 +15,7 @@ mod mixture;
 pub mod positivity;
 mod prior;
 mod sources;
+mod without_negative;
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -165,10 +166,7 @@ pub fn recover_with(
     // A source is not band-limited, and a mirror's response to one is a delta that samples miss.
     let look_for_sources = options.non_negative && options.band.is_none() && !mirror;
     let weak_posteriors = |channels: &[Channel<'_>]| -> Result<Vec<Posterior>> {
-        channels
-            .par_iter()
-            .map(|channel| channel.weak_posterior(samples))
-            .collect()
+        channels.par_iter().map(Channel::weak_posterior).collect()
     };
     let mut weak = weak_posteriors(&channels)?;
     let candidates = if look_for_sources {

@@ -9,6 +9,7 @@
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::prelude::*;
 use faer::{Mat, Side};
+use rayon::prelude::*;
 
 use super::RegularisationChoice;
 use crate::error::{Error, Result};
@@ -166,44 +167,49 @@ pub fn choose_by_evidence(
     problem: &Problem<'_>,
     mean_light: f64,
 ) -> Result<(SpectralPrior, RegularisationChoice)> {
+    let cost = |prior: &SpectralPrior| Ok(-problem.posterior(prior)?.log_evidence);
     let mut best = (f64::INFINITY, SpectralPrior::flat(mean_light));
-    let look = |prior: SpectralPrior, best: &mut (f64, SpectralPrior)| -> Result<(f64, f64)> {
-        let cost = -problem.posterior(&prior)?.log_evidence;
-        if cost < best.0 {
-            *best = (cost, prior);
-        }
-        Ok(((mean_light / prior.deviation).powi(2), cost))
+    let better = |best: (f64, SpectralPrior), cost: f64, prior: SpectralPrior| {
+        if cost < best.0 { (cost, prior) } else { best }
     };
     for step in 0..=6 {
-        look(
-            SpectralPrior::flat(mean_light * 10f64.powi(-step)),
-            &mut best,
-        )?;
+        let prior = SpectralPrior::flat(mean_light * 10f64.powi(-step));
+        best = better(best, cost(&prior)?, prior);
         // Once the likelihood falls with the strength it does not rise again.
         if f64::from(step) > (mean_light / best.1.deviation).log10() + 1.5 {
             break;
         }
     }
-    let flat = best.1;
+    // The first of equals, whoever computes it.
+    let costs =
+        |priors: &[SpectralPrior]| -> Result<Vec<f64>> { priors.par_iter().map(cost).collect() };
+    let deviation = (best.1.deviation * 10f64.sqrt()).min(mean_light);
     // A sky falls off by a power of p from the first frequencies on; 1 leaves nothing but that.
-    for steepness in [3, 10] {
-        for corner in [1.0, 1.8, 3.0, 6.0, 9.0, 13.0, 19.0, 28.0] {
-            let deviation = (flat.deviation * 10f64.sqrt()).min(mean_light);
-            look(
-                SpectralPrior {
-                    deviation,
-                    corner,
-                    steepness,
-                },
-                &mut best,
-            )?;
-        }
+    let shapes: Vec<SpectralPrior> = [3, 10]
+        .into_iter()
+        .flat_map(|steepness| {
+            let corners = [1.0, 1.8, 3.0, 6.0, 9.0, 13.0, 19.0, 28.0];
+            corners.map(|corner| SpectralPrior {
+                deviation,
+                corner,
+                steepness,
+            })
+        })
+        .collect();
+    for (cost, prior) in costs(&shapes)?.into_iter().zip(shapes) {
+        best = better(best, cost, prior);
     }
     let shape = best.1;
-    let mut curve = Vec::new();
-    for step in -3..=3 {
-        let deviation = shape.deviation * 10f64.powf(f64::from(step) / 3.0);
-        curve.push(look(SpectralPrior { deviation, ..shape }, &mut best)?);
+    let strengths: Vec<SpectralPrior> = (-3..=3)
+        .map(|step| SpectralPrior {
+            deviation: shape.deviation * 10f64.powf(f64::from(step) / 3.0),
+            ..shape
+        })
+        .collect();
+    let mut curve = Vec::with_capacity(strengths.len());
+    for (cost, prior) in costs(&strengths)?.into_iter().zip(strengths) {
+        curve.push(((mean_light / prior.deviation).powi(2), cost));
+        best = better(best, cost, prior);
     }
     let strength = (mean_light / best.1.deviation).powi(2);
     Ok((

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use crate::angle::{NormalAngle, WorldAngle};
-use crate::brdf::Brdf;
+use crate::brdf::{Brdf, Isotropic, Pair};
 use crate::light_field::Samples;
 
 /// Step (radians) of the central difference for a response's derivative by direction.
@@ -14,67 +14,93 @@ const DIFFERENCE: f64 = 2e-4;
 pub type Response = Vec<Vec<f64>>;
 
 /// B of a unit source (1 W m⁻² on a surface facing it) at `theta` (radians) for every sample,
-/// ρ̂(θ − α, θo′); 0 for samples that no channel has.
+/// ρ̂(θ − α, θo′), by each of some BRDFs; 0 for samples that no channel has.
 ///
 /// A mirror's delta is not resolved by samples; its part of the response is left out.
-pub fn unit_response(samples: &Samples, brdf: &dyn Brdf, theta: f64) -> Response {
+pub fn unit_responses(samples: &Samples, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Response> {
     let theta = WorldAngle::radians(theta);
-    samples
+    let forms: Vec<Option<&dyn Isotropic>> = brdfs.iter().map(|b| b.isotropic()).collect();
+    let columns: Vec<Vec<Vec<f64>>> = samples
         .columns
         .par_iter()
         .map(|column| {
-            let seen = |i: usize| column.variance.iter().any(|v| v[i].is_finite());
-            column
-                .alpha
-                .iter()
-                .enumerate()
-                .map(|(i, &alpha)| {
-                    let incident = theta - NormalAngle::radians(alpha);
-                    let cosine = incident.visible_cosine();
-                    if cosine > 0.0 && seen(i) {
-                        brdf.value(incident, column.local) * cosine
-                    } else {
-                        0.0
-                    }
-                })
-                .collect()
+            let pair_of = Pair::towards(column.local);
+            let mut responses = vec![vec![0.0; column.alpha.len()]; brdfs.len()];
+            for (i, &alpha) in column.alpha.iter().enumerate() {
+                let incident = theta - NormalAngle::radians(alpha);
+                if !incident.is_visible() || !column.variance.iter().any(|v| v[i].is_finite()) {
+                    continue;
+                }
+                let pair = pair_of(incident);
+                for ((response, brdf), form) in responses.iter_mut().zip(brdfs).zip(&forms) {
+                    response[i] = match (form, &pair) {
+                        (Some(form), Some(pair)) => form.rho(pair) * pair.cos_incident,
+                        (Some(_), None) => 0.0,
+                        _ => brdf.value(incident, column.local) * incident.visible_cosine(),
+                    };
+                }
+            }
+            responses
         })
-        .collect()
-}
-
-/// The derivative of [`unit_response`] by the direction, per radian.
-pub fn response_derivative(samples: &Samples, brdf: &dyn Brdf, theta: f64) -> Response {
-    let mut derivative = unit_response(samples, brdf, theta + DIFFERENCE);
-    let before = unit_response(samples, brdf, theta - DIFFERENCE);
-    for (column, before) in derivative.iter_mut().zip(before) {
-        for (d, b) in column.iter_mut().zip(before) {
-            *d = (*d - b) / (2.0 * DIFFERENCE);
+        .collect();
+    let mut all: Vec<Response> = vec![Vec::with_capacity(columns.len()); brdfs.len()];
+    for column in columns {
+        for (response, column) in all.iter_mut().zip(column) {
+            response.push(column);
         }
     }
-    derivative
+    all
+}
+
+/// The derivatives of [`unit_responses`] by the direction, per radian.
+pub fn response_derivatives(samples: &Samples, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Response> {
+    let mut derivatives = unit_responses(samples, brdfs, theta + DIFFERENCE);
+    let before = unit_responses(samples, brdfs, theta - DIFFERENCE);
+    for (derivative, before) in derivatives.iter_mut().zip(before) {
+        for (column, before) in derivative.iter_mut().zip(before) {
+            for (d, b) in column.iter_mut().zip(before) {
+                *d = (*d - b) / (2.0 * DIFFERENCE);
+            }
+        }
+    }
+    derivatives
 }
 
 /// Σ w f g over samples of weights w; f and g at samples of weight 0 are ignored.
 pub fn weighted_product(weights: &[Vec<f64>], f: &[Vec<f64>], g: &[Vec<f64>]) -> f64 {
-    let product = |w: f64, f: f64, g: f64| if w > 0.0 { w * f * g } else { 0.0 };
-    let mut total = 0.0;
-    for ((weights, f), g) in weights.iter().zip(f).zip(g) {
-        // Four sums side by side, so that none waits for the one before.
-        let (w, f, g) = (
-            weights.as_chunks::<4>(),
-            f.as_chunks::<4>(),
-            g.as_chunks::<4>(),
-        );
-        let mut sums = [0.0; 4];
-        for ((w, f), g) in w.0.iter().zip(f.0).zip(g.0) {
-            for k in 0..4 {
-                sums[k] += product(w[k], f[k], g[k]);
+    pulp::Arch::new().dispatch(Product { weights, f, g })
+}
+
+/// The work of [`weighted_product`], with the processor's widest instructions.
+struct Product<'a> {
+    weights: &'a [Vec<f64>],
+    f: &'a [Vec<f64>],
+    g: &'a [Vec<f64>],
+}
+
+impl pulp::WithSimd for Product<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> f64 {
+        let zero = simd.splat_f64s(0.0);
+        let mut total = 0.0;
+        for ((weights, f), g) in self.weights.iter().zip(self.f).zip(self.g) {
+            let [(w, w_rest), (f, f_rest), (g, g_rest)] =
+                [weights, f, g].map(|list| S::as_simd_f64s(list));
+            let mut sum = zero;
+            for ((&w, &f), &g) in w.iter().zip(f).zip(g) {
+                let product = simd.mul_f64s(simd.mul_f64s(w, f), g);
+                let present = simd.greater_than_f64s(w, zero);
+                sum = simd.add_f64s(sum, simd.select_f64s(present, product, zero));
+            }
+            total += simd.reduce_sum_f64s(sum);
+            for ((w, f), g) in w_rest.iter().zip(f_rest).zip(g_rest) {
+                if *w > 0.0 {
+                    total += w * f * g;
+                }
             }
         }
-        total += sums.iter().sum::<f64>();
-        for ((w, f), g) in w.1.iter().zip(f.1).zip(g.1) {
-            total += product(*w, *f, *g);
-        }
+        total
     }
-    total
 }

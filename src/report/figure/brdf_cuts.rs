@@ -1,7 +1,7 @@
 //! The slice along θi′ at a few exitant directions, with its band and the model that fits best.
 
 use super::lighting_curve::SIGMAS_95;
-use super::{FULL, Figure, Panel, image_channels};
+use super::{FULL, Figure, Panel, image_channels, two_scales};
 use crate::angle::LocalAngle;
 use crate::brdf::fit::ModelFit;
 use crate::pipeline::Run;
@@ -87,10 +87,13 @@ pub fn brdf_cuts(run: &Run) -> Option<Figure> {
         }
         panels.push(Panel {
             name: name.clone(),
-            markup: FULL
-                .iter()
-                .map(|&size| draw(&cuts, name, model.is_some(), size))
-                .collect(),
+            markup: {
+                let [linear, log] = scales(&cuts).map(|scale| {
+                    let drawn = FULL.map(|size| draw(&cuts, name, model.is_some(), size, scale));
+                    drawn.concat()
+                });
+                two_scales(&format!("brdf-cuts-{name}"), &linear, &log)
+            },
         });
     }
     let model = if named.is_empty() {
@@ -126,8 +129,17 @@ pub fn brdf_cuts(run: &Run) -> Option<Figure> {
     })
 }
 
-fn draw(cuts: &[Vec<Point>], name: &str, has_model: bool, size: Size) -> String {
-    let (low, high) = bounds(cuts.iter().flatten().map(|p| p.value));
+/// A linear axis that holds all cuts, and a logarithmic one over at most four decades.
+fn scales(cuts: &[Vec<Point>]) -> [Scale; 2] {
+    let values = || cuts.iter().flatten().map(|p| p.value);
+    let (low, high) = bounds(values());
+    [
+        Scale::linear(low.min(0.0), 1.06 * high),
+        Scale::log_around(values(), 4.0),
+    ]
+}
+
+fn draw(cuts: &[Vec<Point>], name: &str, has_model: bool, size: Size, scale: Scale) -> String {
     let mut legend: Vec<Legend> = EXITANT_DEG
         .iter()
         .zip(CLASSES)
@@ -154,11 +166,7 @@ fn draw(cuts: &[Vec<Point>], name: &str, has_model: bool, size: Size) -> String 
         size,
         300.0,
         Axis::degrees("incident direction θ_[i]′ / degrees", -90.0, 90.0, step),
-        Axis::new(
-            "ρ cos θ_[i]′ cos θ_[o]′ / sr⁻¹",
-            Scale::linear(low.min(0.0), 1.06 * high),
-            6,
-        ),
+        Axis::new("ρ cos θ_[i]′ cos θ_[o]′ / sr⁻¹", scale, 6),
     )
     .with_legend(legend);
     let thin = if size.is_wide() { 1 } else { 2 };

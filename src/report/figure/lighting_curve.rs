@@ -156,6 +156,11 @@ pub fn lighting_curve(run: &Run) -> Option<Figure> {
         "Incident light per radian of direction, in {}, with the band that holds the truth in 95 % of cases if the noise model and the BRDF hold.",
         lighting_unit(run)
     );
+    // Ripples of a percent are noise; swings are the end of the spectrum.
+    if low < -0.02 * high {
+        caption += " It holds the frequencies that are known and no others: beside a bright source it swings, below zero too. \
+                    lighting.exr holds a light with these frequencies that is nowhere negative.";
+    }
     if !lighting.sources.is_empty() {
         let named: Vec<String> = lighting
             .sources

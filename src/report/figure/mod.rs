@@ -31,7 +31,7 @@ pub use residual::{residual_histogram, residual_image};
 pub use setup::setup;
 pub use spectrum::{coefficient_image, magnitudes};
 
-use super::plot::{Axis, Size, html_text};
+use super::plot::{Axis, Size, escape, html_text};
 use super::table::{Cell, Table};
 use crate::light_field::LightField;
 use crate::pipeline::Run;
@@ -76,8 +76,10 @@ pub struct Panel {
 /// Sizes of a figure that takes the whole width.
 const FULL: [Size; 2] = [Size::Wide, Size::Narrow];
 
-/// A drawing with a linear and one with a logarithmic axis, of which one is shown; without scripts and on paper the linear one.
+/// A panel's drawings with a linear and with a logarithmic axis, of which one kind is shown; without scripts and on paper the linear one.
+/// `id` is unique in the page.
 fn two_scales(id: &str, linear: &str, log: &str) -> String {
+    let id = escape(id);
     format!(
         "<fieldset class=\"switch\"><legend>Scale</legend>\
          <label><input type=\"radio\" name=\"{id}-scale\" value=\"linear\" checked><span>linear</span></label>\

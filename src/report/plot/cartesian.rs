@@ -99,7 +99,7 @@ impl Plot {
             .map(|t| text_width(&t.label))
             .fold(0.0, f64::max);
         let (top, bottom) = (22.0, 46.0);
-        let left = (widest + 14.0).max(34.0);
+        let left = (widest + 14.0).max(44.0);
         let mut x = x;
         thin_labels(&mut x.ticks, size.width() - left - 12.0);
         Self {
@@ -276,6 +276,8 @@ impl Plot {
             coordinate(width),
             coordinate(height)
         );
+        // The script draws others when a part of the plot is shown larger.
+        body += "<g class=\"axes\">";
         let mut grid = String::new();
         for tick in &self.x.ticks {
             let x = left + tick.at * width;
@@ -299,7 +301,7 @@ impl Plot {
                 body += &text(left - 8.0, y + 4.5, "end", "tick", &tick.label);
             }
         }
-        let _ = write!(body, "<path class=\"grid\" d=\"{grid}\"/>");
+        let _ = write!(body, "<path class=\"grid\" d=\"{grid}\"/></g>");
         body += &text(
             left + width / 2.0,
             top + height + 38.0,
@@ -311,7 +313,7 @@ impl Plot {
         body += &self.draw_legend();
         let _ = write!(
             body,
-            "<svg x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" overflow=\"hidden\">{}</svg>",
+            "<svg class=\"inside\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" overflow=\"hidden\">{}</svg>",
             coordinate(left),
             coordinate(top),
             coordinate(width),
@@ -320,12 +322,13 @@ impl Plot {
         );
         let _ = write!(
             body,
-            "<rect class=\"frame area\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" {} {data}/>",
+            "<rect class=\"frame area\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"{}{} {data}/>",
             coordinate(left),
             coordinate(top),
             coordinate(width),
             coordinate(height),
-            scale_attributes(&self.x.scale)
+            scale_attributes('x', &self.x.scale),
+            scale_attributes('y', &self.y.scale)
         );
         body += &self.outside;
         svg(self.size, self.size.width(), self.height, alt, &body)
@@ -386,12 +389,13 @@ fn thin_labels(ticks: &mut [Tick], length: f64) {
     }
 }
 
-fn scale_attributes(scale: &Scale) -> String {
-    format!("data-x0=\"{}\" data-x1=\"{}\"", scale.low(), scale.high())
-        + match scale.spacing() {
-            super::scale::Spacing::Log => " data-log=\"1\"",
-            _ => "",
-        }
+fn scale_attributes(axis: char, scale: &Scale) -> String {
+    format!(
+        " data-{axis}0=\"{}\" data-{axis}1=\"{}\" data-{axis}-spacing=\"{}\"",
+        scale.low(),
+        scale.high(),
+        scale.spacing().word()
+    )
 }
 
 fn legend_width(entry: &Legend) -> f64 {

@@ -110,7 +110,7 @@ impl HeatMap {
         let [left, top, width, height] = plot.area();
         let [columns, rows] = self.cells;
         plot.raw_inside(&format!(
-            "<rect class=\"missing\" width=\"100%\" height=\"100%\"/><use href=\"#{}\" transform=\"scale({:.6} {:.6})\"/>",
+            "<rect class=\"missing\" width=\"{width:.1}\" height=\"{height:.1}\"/><use href=\"#{}\" transform=\"scale({:.6} {:.6})\"/>",
             self.id,
             width / columns as f64,
             height / rows as f64
@@ -160,12 +160,6 @@ impl HeatMap {
             bar += &text(left, y - 6.0, "start", "label", &self.label);
         }
         plot.raw_outside(&bar);
-        let data = format!(
-            "data-image=\"{}\" data-y0=\"{}\" data-y1=\"{}\"",
-            self.id,
-            self.y.scale.low(),
-            self.y.scale.high()
-        );
-        plot.finish(alt, &data)
+        plot.finish(alt, &format!("data-image=\"{}\"", self.id))
     }
 }

@@ -141,20 +141,51 @@ pub fn text(x: f64, y: f64, anchor: &str, class: &str, content: &str) -> String 
     )
 }
 
-/// Points as the data of a path; points that are not finite break it.
+/// Points as the data of a path; points that are not finite break it. Steps from point to point, which are half as long to write as
+/// the points, are taken between rounded points, so that they do not add up errors.
 pub fn path_data(points: impl IntoIterator<Item = (f64, f64)>) -> String {
+    let tenths = |v: f64| (10.0 * v.clamp(-99_999.0, 99_999.0)).round() as i64;
     let mut out = String::new();
-    let mut pen_down = false;
+    let mut last: Option<(i64, i64)> = None;
+    let mut stepping = false;
     for (x, y) in points {
         if !x.is_finite() || !y.is_finite() {
-            pen_down = false;
+            last = None;
             continue;
         }
-        let command = if pen_down { 'L' } else { 'M' };
-        let _ = write!(out, "{command}{} {}", coordinate(x), coordinate(y));
-        pen_down = true;
+        let at = (tenths(x), tenths(y));
+        let (command, pair) = match last {
+            Some(from) => ("l", (at.0 - from.0, at.1 - from.1)),
+            None => ("M", at),
+        };
+        if command == "M" || !stepping {
+            out += command;
+        } else if pair.0 >= 0 {
+            out.push(' ');
+        }
+        push_tenths(&mut out, pair.0);
+        if pair.1 >= 0 {
+            out.push(' ');
+        }
+        push_tenths(&mut out, pair.1);
+        stepping = command == "l";
+        last = Some(at);
     }
     out
+}
+
+/// The shortest decimal of a number of tenths: `-.3`, `12`, `4.5`.
+fn push_tenths(out: &mut String, tenths: i64) {
+    if tenths < 0 {
+        out.push('-');
+    }
+    let (whole, tenth) = (tenths.abs() / 10, tenths.abs() % 10);
+    if whole != 0 || tenth == 0 {
+        let _ = write!(out, "{whole}");
+    }
+    if tenth != 0 {
+        let _ = write!(out, ".{tenth}");
+    }
 }
 
 /// Width of a text of 13 units' height, roughly: enough to lay out legends.
@@ -177,7 +208,9 @@ mod tests {
     #[test]
     fn a_path_is_broken_where_a_value_is_missing() {
         let points = [(0.0, 1.0), (1.0, 2.04), (f64::NAN, 0.0), (3.0, -0.01)];
-        assert_eq!(path_data(points), "M0 1L1 2M3 0");
+        assert_eq!(path_data(points), "M0 1l1 1M3 0");
+        let steps = [(1.23, -0.06), (1.28, 0.0), (0.9, 0.71), (12.0, 4.55)];
+        assert_eq!(path_data(steps), "M1.2-.1l.1 .1-.4 .7 11.1 3.9");
     }
 
     #[test]
@@ -200,6 +233,6 @@ mod tests {
         polar.curve(&[(0.0, 1.0), (quarter, 1.0)], "s-a");
         let svg = polar.finish("");
         // Radius 430/2 − 44 = 171 about (215, 221): right edge (386, 221), top (215, 50).
-        assert!(svg.contains("d=\"M386 221L215 50Z\""), "{svg}");
+        assert!(svg.contains("d=\"M386 221l-171-171Z\""), "{svg}");
     }
 }

@@ -1,4 +1,3 @@
-"use strict";
 /* Values under the pointer. The page is complete without it. */
 (() => {
   const box = document.getElementById("readout");
@@ -168,33 +167,38 @@
     const { columns, rows } = table(figure);
     const xColumn = columns.indexOf(d.curve);
     if (xColumn < 0) return;
-    const x = d.log ? d.x0 * Math.pow(d.x1 / d.x0, fx) : +d.x0 + (d.x1 - d.x0) * fx;
+    const log = d.xSpacing === "log";
+    const x = log ? d.x0 * Math.pow(d.x1 / d.x0, fx) : +d.x0 + (d.x1 - d.x0) * fx;
     const panel = area.closest(".panel").querySelector(".panel-name");
     const channelColumn = columns.indexOf("channel");
     const name = panel && panel.dataset.channel;
-    let best = null;
+    let nearest = [];
+    let least = Infinity;
     for (const row of rows) {
       if (channelColumn >= 0 && name && row[channelColumn] !== name) continue;
-      const off = d.log ? Math.abs(Math.log(row[xColumn] / x)) : Math.abs(row[xColumn] - x);
-      if (!best || off < best.off) best = { off, row };
+      const off = log ? Math.abs(Math.log(row[xColumn] / x)) : Math.abs(row[xColumn] - x);
+      if (off < least) [nearest, least] = [[], off];
+      if (off === least) nearest.push(row);
     }
-    if (!best) return;
-    const lines = [];
-    columns.forEach((column, i) => {
-      if (i === channelColumn || column.startsWith("sigma_")) return;
-      const raw = best.row[i];
-      let text = raw !== "" && Number.isFinite(+raw) ? number(+raw) : raw || "—";
-      const sigma = column.startsWith("L_") ? columns.indexOf(`sigma_${column.slice(2)}`) : -1;
-      if (sigma >= 0) text += ` ± ${number(+best.row[sigma], 2)}`;
-      lines.push(`${column.replace("_deg", " / degrees")}  ${text}`);
-    });
-    show(event, lines.join("\n"));
+    if (!nearest.length) return;
+    const words = (row, i) => {
+      const raw = row[i];
+      const text = raw !== "" && Number.isFinite(+raw) ? number(+raw) : raw || "—";
+      const sigma = columns[i].startsWith("L_") ? columns.indexOf(`sigma_${columns[i].slice(2)}`) : -1;
+      return `${columns[i].replace("_deg", " / degrees")}  ${text}${sigma >= 0 ? ` ± ${number(+row[sigma], 2)}` : ""}`;
+    };
+    const others = columns.map((_, i) => i)
+      .filter((i) => i !== xColumn && i !== channelColumn && !columns[i].startsWith("sigma_"));
+    // Several curves over the same axis: a line for each.
+    const lines = nearest.map((row) => others.map((i) => words(row, i)).join(nearest.length > 1 ? ",  " : "\n"));
+    show(event, [words(nearest[0], xColumn), ...lines].join("\n"));
   };
 
   /* A cross where the values are read; event has clientX and clientY. */
   const read = (event, area, fx, fy) => {
-    if (area.dataset.image) readImage(event, area, fx, fy);
-    else readCurve(event, area, fx);
+    const [x, y] = zoom.at(area, fx, fy);
+    if (area.dataset.image) readImage(event, area, x, y);
+    else readCurve(event, area, x);
     mark(area, fx, area.dataset.image ? fy : null);
   };
   const cross = document.createElementNS("http://www.w3.org/2000/svg", "path");
@@ -216,34 +220,50 @@
     read(event, area, fx, fy);
   });
 
-  /* The same by keyboard: a plot in focus is read with the arrow keys, Shift for larger steps. */
-  for (const area of document.querySelectorAll(".area[data-image], .area[data-curve]")) {
-    const drawing = area.closest("svg");
-    drawing.tabIndex = 0;
-    const image = document.getElementById(area.dataset.image);
-    const cells = image ? [+image.getAttribute("width"), +image.getAttribute("height")] : [180, 1];
-    let at = [0.5, 0.5];
-    drawing.addEventListener("keydown", (event) => {
-      if (event.key === "Escape") { away(); return; }
-      const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-      if (!way) return;
-      event.preventDefault();
+  /* The same by keyboard: a plot in focus is read with the arrow keys, Shift for larger steps; + and − zoom, 0 shows all. */
+  for (const area of document.querySelectorAll("svg > .area")) area.parentElement.tabIndex = 0;
+  const cursors = new WeakMap();
+  document.addEventListener("keydown", (event) => {
+    const area = event.target instanceof SVGElement ? zoom.areaOf(event.target) : null;
+    if (!area || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.key === "Escape") { away(); return; }
+    let at = cursors.get(area) || [0.5, 0.5];
+    const readable = area.dataset.image || area.dataset.curve;
+    const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    if (event.key === "+" || event.key === "=") zoom.by(area, 2, ...at);
+    else if (event.key === "-") zoom.by(area, 0.5, ...at);
+    else if (event.key === "0") zoom.all(area);
+    else if (way && readable) {
+      const image = document.getElementById(area.dataset.image);
+      const cells = image ? [+image.getAttribute("width"), +image.getAttribute("height")] : [180, 1];
+      const shown = zoom.view(area).slice(2);
       const steps = event.shiftKey ? 10 : 1;
-      at = at.map((v, k) => Math.min(1 - 1e-6, Math.max(0, v + way[k] * steps / cells[k])));
-      const r = area.getBoundingClientRect();
-      read({ clientX: r.left + at[0] * r.width, clientY: r.top + at[1] * r.height }, area, ...at);
-    });
-    drawing.addEventListener("blur", away);
-  }
+      at = at.map((v, k) => Math.min(1 - 1e-6, Math.max(0, v + way[k] * steps / (cells[k] * shown[k]))));
+      cursors.set(area, at);
+    } else return;
+    event.preventDefault();
+    if (!readable) return;
+    const r = area.getBoundingClientRect();
+    read({ clientX: r.left + at[0] * r.width, clientY: r.top + at[1] * r.height }, area, ...at);
+  });
+  document.addEventListener("focusout", (event) => { if (event.target instanceof SVGElement) away(); });
 
   /* A drawing enlarged, to be scrolled: pointer or keyboard, closed by Escape. */
   for (const figure of document.querySelectorAll("figure")) {
     if (!figure.querySelector(".panel svg:not(.store)")) continue;
-    const button = document.createElement("button");
-    button.type = "button";
-    button.className = "enlarge";
-    button.textContent = "Enlarge";
-    button.addEventListener("click", () => {
+    const tools = document.createElement("p");
+    tools.className = "tools";
+    const tool = (words, act) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = words;
+      button.addEventListener("click", act);
+      tools.append(button);
+      return button;
+    };
+    const areas = () => [...figure.querySelectorAll("svg > .area")].filter((area) => area.getBoundingClientRect().width > 0);
+    const each = (act) => () => areas().forEach((area) => act(area));
+    const button = tool("Enlarge", () => {
       const dialog = document.createElement("dialog");
       dialog.className = "large";
       const close = document.createElement("button");
@@ -263,7 +283,12 @@
       dialog.append(box);
     });
     const data = figure.querySelector("details.data");
-    if (data) data.before(button); else figure.append(button);
+    if (figure.querySelector("svg > .area")) {
+      tool("Zoom in", each((area) => zoom.by(area, 2, ...(cursors.get(area) || []))));
+      tool("Zoom out", each((area) => zoom.by(area, 0.5, ...(cursors.get(area) || []))));
+      tool("Show all", each(zoom.all));
+    }
+    if (data) data.before(tools); else figure.append(tools);
   }
 
   document.addEventListener("pointerleave", away);
@@ -296,12 +321,21 @@
     });
   }
 
-  /* A channel chosen in one figure is chosen in all that have it. */
+  const first = document.querySelector("figure:has(svg > .area)");
+  if (first) {
+    const hint = document.createElement("p");
+    hint.className = "hint";
+    hint.textContent = "Plots: the pointer, or the arrow keys in a plot, read values; a rectangle drawn with the mouse, or + and −, zoom in; a double click, or 0, shows the whole.";
+    (first.closest(".figures") || first).before(hint);
+  }
+
+  /* A channel chosen in one figure is chosen in all that have it; a scale in all panels of its figure. */
   document.addEventListener("change", (event) => {
     const input = event.target;
     if (!(input instanceof HTMLInputElement) || input.type !== "radio") return;
     const name = input.nextElementSibling.textContent;
-    for (const other of document.querySelectorAll(".switch input")) {
+    const scope = input.name.endsWith("-scale") ? input.closest("figure") : document;
+    for (const other of scope.querySelectorAll(".switch input")) {
       if (other.nextElementSibling.textContent === name) other.checked = true;
     }
   });
