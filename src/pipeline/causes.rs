@@ -44,23 +44,34 @@ const NAMED: f64 = 0.15;
 
 impl Causes {
     /// The causes that the residual looks like, the likeliest first, each with its share; `model` says what may be wrong with the model.
-    pub fn ranked(&self, model: &str) -> Vec<String> {
-        let brightness = "exposure times or lamps that are not as stated, view by view";
-        let shift = "orbit angles that are off, or an object that moved between views";
-        let texture = "texture: the surface is not the same everywhere";
-        let rough = "noise larger than stated, dust, or fine texture";
-        let mut all = [
-            (self.model, model),
-            (self.brightness, brightness),
-            (self.shift, shift),
-            (self.texture, texture),
-            (self.rough, rough),
+    ///
+    /// The model is always named, since a result takes up most of what its errors do and little is left to be seen; and before all
+    /// others if `model_first`.
+    pub fn ranked(&self, model: &str, model_first: bool) -> Vec<String> {
+        let mut others = [
+            (
+                self.brightness,
+                "exposure times or lamps that are not as stated, view by view",
+            ),
+            (
+                self.shift,
+                "orbit angles that are off, or an object that moved between views",
+            ),
+            (
+                self.texture,
+                "texture: the surface is not the same everywhere",
+            ),
+            (
+                self.rough,
+                "noise larger than stated, dust, or fine texture",
+            ),
         ];
-        all.sort_by(|a, b| b.0.total_cmp(&a.0));
-        all.iter()
-            .enumerate()
-            .filter(|(k, (share, _))| *k == 0 || *share >= NAMED)
-            .map(|(_, (share, what))| {
+        others.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut all: Vec<(f64, &str)> = others.into_iter().filter(|o| o.0 >= NAMED).collect();
+        let place = all.partition_point(|o| !model_first && o.0 > self.model);
+        all.insert(place, (self.model, model));
+        all.into_iter()
+            .map(|(share, what)| {
                 format!("{what} ({:.0} % of what is left looks so)", 100.0 * share)
             })
             .collect()

@@ -70,7 +70,10 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
                     100.0 * violation
                 ));
             }
-            let causes = fit.causes.ranked(&model);
+            // A stated light that is wrong may look like texture, and what breaks reciprocity is the model's whatever the rest looks like.
+            let broken = fit.violation.is_some_and(|broken| broken > violation);
+            let model_first = broken || recover == Recover::Brdf;
+            let causes = fit.causes.ranked(&model, model_first);
             Some(format!(
                 "Channel {name}: {}. {consequence} Likeliest first: {}.",
                 found.join(", and "),
