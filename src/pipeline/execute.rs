@@ -160,6 +160,9 @@ impl Task<'_> {
         recovered.advice = advice::on_lighting(self.capture, self.measured, &material, &estimate);
         clock.lap("advice");
         recovered.warnings = model.warnings();
+        recovered
+            .warnings
+            .extend(model.warnings_of_table(&material));
         recovered.lighting = Some(estimate);
         self.progress.step();
         Ok(recovered)
