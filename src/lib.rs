@@ -81,6 +81,68 @@
 //! assert!(radiance > 1.0 && radiance < 6.0);
 //! ```
 //!
+//! A whole light field by the product form, and back from it what made it: the material under the known light, and both of them when
+//! neither is known, up to a factor.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use flatlight::brdf::{GgxConductor, Material};
+//! use flatlight::lighting::{Lighting, Source};
+//! use flatlight::recover::{brdf, factorise};
+//! use flatlight::{Grid, LocalAngle, WorldAngle, light_field::Samples, reflect::product};
+//! # fn main() -> flatlight::Result<()> {
+//! let gold = GgxConductor { alpha: 0.3, eta: 0.2, k: 3.9, specular: 1.0 };
+//! let material = Material { channels: vec!["Y".into()], brdfs: vec![Arc::new(gold)] };
+//! let suns = [(37.3, 3.0), (-104.6, 1.1)].map(|(deg, e)| Source { theta: WorldAngle::degrees(deg), irradiance: vec![e] });
+//! let light = Lighting::from_sources(vec!["Y".into()], suns.to_vec());
+//! let grid = Grid { normals: 120, locals: 60 };
+//! let field = product::on_grid(&light, &material, grid, 60)?;
+//! let samples = Samples::from_grid(grid, vec!["Y".into()], &field, &[vec![1e-8; grid.len()]]);
+//!
+//! let options = brdf::Options { size: 60, curve: false, ..Default::default() };
+//! let slice = brdf::recover(&samples, &light, &options)?;
+//! let (rho, sigma) = slice.rho(0, 40, 22).expect("seen");
+//! assert!(rho > 0.0 && sigma < 0.02 * rho);
+//!
+//! let both = factorise::recover(&samples, &factorise::Options { band: Some(12), ..Default::default() })?;
+//! let ratio = |p| both.channels[0].lighting.get(p) / both.channels[0].lighting.get(0);
+//! let truth = light.series(0, 12);
+//! assert!((ratio(5) - truth.get(5) / truth.get(0)).norm() < 0.01);
+//! # Ok(()) }
+//! ```
+//!
+//! An environment prefiltered for a renderer, each value within the tolerance.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use flatlight::brdf::{Brdf, Material, Phong};
+//! use flatlight::fourier::Series;
+//! use flatlight::{Grid, lighting::Lighting, reflect::prefilter};
+//! # fn main() -> flatlight::Result<()> {
+//! let mut series = Series::zero(8);
+//! series.coefficients[0].re = 1.0;
+//! series.coefficients[8].re = 0.3;
+//! let light = Lighting::band_limited(vec!["Y".into()], vec![series]);
+//! let surface: Arc<dyn Brdf> = Arc::new(Phong { diffuse: 0.3, specular: 0.4, exponent: 32.0 });
+//! let material = Material { channels: vec!["Y".into()], brdfs: vec![surface] };
+//! let grid = Grid { normals: 360, locals: 90 };
+//! let table = prefilter::prefilter(&light, &material, grid, &prefilter::Options::default())?;
+//! assert_eq!(table.value[0].len(), grid.len());
+//! # Ok(()) }
+//! ```
+//!
+//! Two results compared, with the factor between them that fits best; a run folder as it was written, and its result for another program.
+//!
+//! ```no_run
+//! use flatlight::compare::{Options, Scale, compare_paths};
+//! # fn main() -> flatlight::Result<()> {
+//! let options = Options { scale: Scale::Common, tolerance: Some(0.01) };
+//! for (product, comparison) in compare_paths("out".as_ref(), "other".as_ref(), &options)? {
+//!     println!("{product}: {}", comparison.csv());
+//! }
+//! # Ok(()) }
+//! ```
+//!
 //! ```no_run
 //! use flatlight::{export, pipeline::Folder};
 //! # fn main() -> flatlight::Result<()> {

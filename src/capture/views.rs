@@ -164,12 +164,33 @@ fn matching(pattern: &str, folder: &Path) -> std::result::Result<Vec<PathBuf>, S
     }
     if files.is_empty() {
         return Err(format!(
-            "expected files like \"{}\", found none",
-            pattern.display()
+            "expected files like \"{}\", found none{}",
+            pattern.display(),
+            held(folder)
         ));
     }
     files.sort_by(|a, b| photo::natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
     Ok(files)
+}
+
+/// What a capture's folder holds, as the end of a sentence.
+fn held(folder: &Path) -> String {
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| {
+            let slash = if entry.path().is_dir() { "/" } else { "" };
+            entry.file_name().to_string_lossy().into_owned() + slash
+        })
+        .collect();
+    names.sort_by_key(|name| (!name.ends_with('/'), name.clone()));
+    let more = if names.len() > 5 { ", …" } else { "" };
+    names.truncate(5);
+    if names.is_empty() {
+        return String::new();
+    }
+    format!("; the folder holds {}{more}", names.join(", "))
 }
 
 /// A file of the pattern's folder that the pattern would name, were its name UTF-8: patterns pass over such names without a
@@ -199,6 +220,7 @@ pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
             .iter()
             .all(|v| v.orbit == views[0].orbit && v.plane_roll == views[0].plane_roll);
     let mut files = HashMap::new();
+    let mut turns = Vec::new();
     for (i, view) in views.iter().enumerate() {
         // Angles closer than a millionth of a degree are the same angle written twice.
         let key = |radians: f64| {
@@ -209,15 +231,7 @@ pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
             && view.orbit.rad().is_finite()
             && let Some(first) = directions.insert((key(view.orbit.rad()), plane), i)
         {
-            fault(
-                i,
-                "orbit_deg",
-                format!(
-                    "views {first} and {i} have the same orbit angle of {} degrees",
-                    view.orbit.deg()
-                ),
-                "Several photos of one camera position belong into one view's `photos`.",
-            );
+            turns.push((first, i));
         }
         for photo in &view.photos {
             if let Some(first) = files.insert((&photo.file, plane), i) {
@@ -232,6 +246,28 @@ pub(super) fn given_twice(root: &Section<'_>, views: &[View]) {
                 );
             }
         }
+    }
+    // An orbit of even steps that goes round twice is one mistake.
+    let told = if sections.is_empty() {
+        turns.len().min(1)
+    } else {
+        turns.len()
+    };
+    for &(first, i) in &turns[..told] {
+        let others = match turns.len() - told {
+            0 => String::new(),
+            n => format!(
+                ", and {n} more pairs have too: these {} steps go round more than once",
+                views.len()
+            ),
+        };
+        let degrees = (views[first].orbit.deg() * 1e6).round() / 1e6;
+        fault(
+            i,
+            "orbit_deg",
+            format!("views {first} and {i} have the same orbit angle of {degrees} degrees{others}"),
+            "Several photos of one camera position belong into one view's `photos`.",
+        );
     }
 }
 

@@ -79,7 +79,7 @@ fn answer(run: &Run, out: &Path) -> String {
                 .irradiance
                 .iter()
                 .zip(&source.irradiance_sigma)
-                .map(|(e, s)| format!("{e:.4} ± {s:.4}"))
+                .map(|(e, s)| report::number::with_sigma(*e, *s))
                 .collect();
             lines.push(format!(
                 "  source at {}, {} W m⁻²",

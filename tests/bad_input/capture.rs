@@ -599,7 +599,10 @@ fn views() -> Vec<Case> {
         orbit(
             "orbit's pattern that fits nothing",
             "files = \"*.jpeg\"\norbit_step_deg = 30",
-            &["views.files", "files like \"*.jpeg\", found none"],
+            &[
+                "views.files",
+                "files like \"*.jpeg\", found none; the folder holds ",
+            ],
         ),
         orbit(
             "orbit's pattern out of the folder",
@@ -624,7 +627,11 @@ fn views() -> Vec<Case> {
         orbit(
             "orbit that meets itself",
             "files = \"views/*.exr\"\norbit_step_deg = 180",
-            &["same orbit angle"],
+            &[
+                "views 0 and 2 have the same orbit angle of 0 degrees",
+                "more pairs",
+                "go round more than once",
+            ],
         ),
         orbit(
             "orbit's files missing",
