@@ -277,3 +277,94 @@ pub fn causes(samples: &Samples, predicted: &[Vec<f64>], channel: usize) -> Caus
         structure: (structured / field.power).sqrt(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::LocalAngle;
+    use crate::light_field::Column;
+
+    const VIEWS: usize = 72;
+
+    /// Samples b = f + r(view, α, θo′) of f = 1 + ½ cos(α − θo′), and f.
+    fn samples(residual: impl Fn(usize, f64, f64) -> f64) -> (Samples, Vec<Vec<f64>>) {
+        let field = |alpha: f64, local: f64| 1.0 + 0.5 * (alpha - local).cos();
+        let mut predicted = Vec::new();
+        let columns = (0..120)
+            .map(|j| {
+                let local = (f64::from(j) + 0.5) * PI / 180.0 - PI / 3.0;
+                let orbit = |v: usize| v as f64 * TAU / VIEWS as f64;
+                let alpha: Vec<f64> = (0..VIEWS).map(|v| wrap(orbit(v) - local)).collect();
+                let f: Vec<f64> = alpha.iter().map(|a| field(*a, local)).collect();
+                let value = (0..VIEWS)
+                    .map(|v| f[v] + residual(v, alpha[v], local) * f[v])
+                    .collect();
+                predicted.push(f);
+                Column {
+                    local: LocalAngle::radians(local),
+                    alpha,
+                    view: (0..VIEWS as u32).collect(),
+                    value: vec![value],
+                    variance: vec![vec![1e-8; VIEWS]],
+                }
+            })
+            .collect();
+        let channels = vec!["Y".into()];
+        (Samples { channels, columns }, predicted)
+    }
+
+    /// Evenly distributed over ±1, of a hash.
+    fn noise(n: u64) -> f64 {
+        let mut h = n.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        h ^= h >> 29;
+        h = h.wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (h >> 40) as f64 / f64::from(1u32 << 23) - 1.0
+    }
+
+    fn found(residual: impl Fn(usize, f64, f64) -> f64) -> Causes {
+        let (samples, predicted) = samples(residual);
+        causes(&samples, &predicted, 0)
+    }
+
+    #[test]
+    fn a_factor_of_each_view_is_brightness() {
+        let causes = found(|v, _, _| 0.01 * noise(v as u64));
+        assert!(
+            causes.brightness > 0.99 && causes.structure < 1e-4,
+            "{causes:?}"
+        );
+        assert!(causes.ranked("the model", false)[0].starts_with("exposure times"));
+    }
+
+    #[test]
+    fn a_factor_of_each_place_is_texture() {
+        // 5° wide bins hold waves of 60° to 1 − (π/12)²/3 of their power or better.
+        let causes = found(|_, alpha, _| 0.01 * (6.0 * alpha).sin());
+        assert!(
+            causes.texture > 0.95 && causes.structure < 1e-3,
+            "{causes:?}"
+        );
+        assert!(causes.ranked("the model", false)[0].starts_with("texture"));
+    }
+
+    #[test]
+    fn what_has_no_neighbours_is_noise() {
+        let causes =
+            found(|v, _, local| 0.01 * noise((v as u64) << 32 | (local * 1e4) as i64 as u64));
+        // 8640 samples: a correlation by chance of 0.01, and its root in the structure.
+        assert!(causes.rough > 0.9 && causes.model < 0.05, "{causes:?}");
+        assert!(causes.ranked("the model", false)[0].starts_with("noise"));
+    }
+
+    #[test]
+    fn what_goes_with_both_angles_is_the_model_s_own() {
+        // Its mean over θo′ at a place is 0, and at a view sin(5π/3)/(5π/3) of it at most, 3 % of its power; neighbouring views, 5° apart,
+        // correlate by cos 40° = 0.77, columns 3° apart by more.
+        let causes = found(|_, alpha, local| 0.01 * (3.0 * local).cos() * (8.0 * alpha).cos());
+        assert!(causes.model > 0.6 && causes.brightness < 0.1, "{causes:?}");
+        // The root of that share of an rms of 0.005.
+        assert!(causes.structure > 0.6f64.sqrt() * 0.0045, "{causes:?}");
+        assert!(causes.ranked("the model", false)[0].starts_with("the model"));
+        assert!(causes.ranked("the model", true)[0].starts_with("the model"));
+    }
+}
