@@ -1,6 +1,6 @@
 //! A material as a recipe describes it (`[brdf]`): a model and its parameters, or a table.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -218,6 +218,29 @@ impl Model {
         warnings
     }
 
+    /// The same of a table, by the slices that were read from it.
+    ///
+    /// What a slice sends within its plane is no energy, for a plane holds no solid angle: a lobe of 1 sr⁻¹ is harmless, and one of
+    /// 100 sr⁻¹ may be. But under normal incidence an isotropic surface reflects alike at every azimuth, and the slice through the
+    /// normal is the whole of it: 2π ∫ ρ(0, θo′) sin θo′ cos θo′ dθo′ is the albedo there, and no surface that keeps energy has more than 1.
+    pub fn warnings_of_table(&self, material: &Material) -> Vec<String> {
+        if matches!(self, Self::Analytic { .. }) {
+            return Vec::new();
+        }
+        let pairs = material.channels.iter().zip(&material.brdfs);
+        pairs
+            .filter_map(|(name, brdf)| {
+                let albedo = albedo_at_normal_incidence(brdf.as_ref());
+                (albedo > 1.0 + TABLE_ALBEDO_ERROR).then(|| {
+                    format!(
+                        "brdf: in channel {name} the table reflects {albedo:.3} of the light that arrives along the normal, \
+                         more than all of it (of an isotropic surface, whose slice is alike at every azimuth there)"
+                    )
+                })
+            })
+            .collect()
+    }
+
     fn check_lengths(&self, channels: &[String]) -> Result<()> {
         let Self::Analytic { family, values } = self else {
             return Ok(());
@@ -319,6 +342,25 @@ impl<'de> Deserialize<'de> for Model {
         let table = toml::Table::deserialize(deserializer)?;
         Self::from_table(&table).map_err(serde::de::Error::custom)
     }
+}
+
+/// By how much the albedo of a table may exceed 1 without a warning: measured tables are good to about a percent.
+const TABLE_ALBEDO_ERROR: f64 = 0.01;
+/// Angles of the sum over a slice: lobes of 1° are resolved.
+const ALBEDO_NODES: usize = 720;
+
+/// 2π ∫ ½ [ρ(0, θ) + ρ(0, −θ)] sin θ cos θ dθ over 0 … π/2, by the midpoint rule.
+fn albedo_at_normal_incidence(brdf: &dyn Brdf) -> f64 {
+    let step = FRAC_PI_2 / ALBEDO_NODES as f64;
+    let normal = LocalAngle::radians(0.0);
+    let sum: f64 = (0..ALBEDO_NODES)
+        .map(|k| {
+            let theta = (k as f64 + 0.5) * step;
+            let value = |angle| brdf.value(normal, LocalAngle::radians(angle));
+            (value(theta) + value(-theta)) * theta.sin() * theta.cos()
+        })
+        .sum();
+    PI * sum * step
 }
 
 #[cfg(test)]
@@ -448,6 +490,39 @@ mod tests {
         assert!(
             warnings[0].contains("(value 1) reflects 1.300"),
             "{warnings:?}"
+        );
+    }
+
+    #[test]
+    fn too_much_energy_of_a_table_is_a_warning() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let axis = crate::brdf::Axis {
+            count: 90,
+            inclusive: false,
+        };
+        let warnings = |text: &str| {
+            let channels = vec!["Y".to_string()];
+            let known = parse(text).expect(text);
+            let material = known.material(&channels, folder.path()).expect(text);
+            let table = SliceTable::of(&material, axis, axis);
+            std::fs::write(folder.path().join("brdf.csv"), table.to_csv()).expect("writes");
+            let model = Model::Table("brdf.csv".into());
+            let read = model.material(&channels, folder.path()).expect("reads");
+            assert!(known.warnings_of_table(&material).is_empty());
+            model.warnings_of_table(&read)
+        };
+        // The in-plane peak of this lobe is 16 sr⁻¹, and all it reflects is 0.9 of the light.
+        for sound in [
+            "model = \"lambertian\"\nalbedo = 0.99",
+            "model = \"phong\"\nspecular = 0.9\nexponent = 100",
+        ] {
+            assert_eq!(warnings(sound), Vec::<String>::new(), "{sound}");
+        }
+        // Lambertian of albedo 1.3: ∫ is 1.3 but for the table's interpolation.
+        let said = warnings("model = \"phong\"\ndiffuse = 0.8\nspecular = 0.5\nexponent = 20");
+        assert!(
+            said[0].contains("channel Y the table reflects 1.") && said.len() == 1,
+            "{said:?}"
         );
     }
 }

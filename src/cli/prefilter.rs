@@ -97,6 +97,7 @@ pub fn prefilter(wanted: &Arguments, common: &Common) -> Result<()> {
     let mut told = Told::default();
     let lighting = light(wanted, &model, &mut warnings, &mut told)?;
     let material = model.material(&lighting.channels, &folder)?;
+    warnings.extend(model.warnings_of_table(&material));
     if common.strict && !warnings.is_empty() {
         return Err(Error::failed(format!(
             "--strict: {} warning(s), nothing was written\n  {}",

@@ -152,10 +152,17 @@ impl Task<'_> {
         let on_grid = lighting::predict(&estimate, &material, &self.measured.field.samples());
         let on_samples = lighting::predict(&estimate, &material, samples);
         let mut recovered = self.residuals(&on_grid, &on_samples);
+        recovered
+            .fit
+            .iter_mut()
+            .for_each(fit::FitQuality::judge_lighting);
         clock.lap("residual");
         recovered.advice = advice::on_lighting(self.capture, self.measured, &material, &estimate);
         clock.lap("advice");
         recovered.warnings = model.warnings();
+        recovered
+            .warnings
+            .extend(model.warnings_of_table(&material));
         recovered.lighting = Some(estimate);
         self.progress.step();
         Ok(recovered)
@@ -229,6 +236,9 @@ impl Task<'_> {
         let on_samples = fit::predict(&joint::light(&found), &slice, samples)?;
         let mut recovered = self.residuals(&on_grid, &on_samples);
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
+        for (fit, channel) in recovered.fit.iter_mut().zip(&found.channels) {
+            fit.judge_reciprocity(channel.violation);
+        }
         clock.lap("residual");
         self.progress.step();
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);

@@ -1,6 +1,8 @@
 //! What a run says in words: what is known, what is not, and what to distrust.
 
-use super::fit::{DOUBTFUL, REFUSED};
+use super::fit::{
+    DOUBTFUL, REFUSED, STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED, VIOLATION_DOUBTFUL, VIOLATION_REFUSED,
+};
 use super::joint::ChannelGauge;
 use super::material::share;
 use super::measure::Measured;
@@ -13,37 +15,70 @@ use crate::recover::lighting::LightingEstimate;
 
 /// What a fit that does not explain the photographs means for its result.
 pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered) -> Vec<String> {
-    let (result, causes) = match recover {
+    const SURROUNDINGS: &str = "light reaches the object from out of the measurement plane or from nearby, the object is not convex, or the photographs are not linear";
+    let (result, model) = match recover {
         Recover::Lighting => (
             "lighting",
-            "the BRDF is not this surface's, light reaches the object from out of the measurement plane or from nearby, the surface is textured or not convex, or the photographs are not linear",
+            format!("the BRDF is not this surface's, {SURROUNDINGS}"),
         ),
         Recover::Brdf => (
             "BRDF",
-            "the light is not the stated one, it also comes from out of the measurement plane or from nearby, the surface is textured or not convex, or the photographs are not linear",
+            format!("the light is not the stated one, {SURROUNDINGS}"),
         ),
-        _ => (
-            "lighting and BRDF",
-            "light reaches the object from out of the measurement plane or from nearby, the surface is textured or not convex, or the photographs are not linear",
-        ),
+        _ => ("lighting and BRDF", SURROUNDINGS.to_string()),
     };
     recovered
         .fit
         .iter()
         .zip(&measured.samples.channels)
         .filter_map(|(fit, name)| {
-            let percent = 100.0 * fit.unexplained;
-            match fit.verdict {
-                Verdict::Explained => None,
-                Verdict::Doubtful => Some(format!(
-                    "Channel {name}: the best {result} leaves {percent:.1} % of the light field unexplained beyond the noise (below {:.0} % is usual). Errors of that order are not in the error bars. Likely causes: {causes}.",
-                    100.0 * DOUBTFUL
-                )),
-                Verdict::Refused => Some(format!(
-                    "Channel {name}: the best {result} leaves {percent:.0} % of the light field unexplained beyond the noise (more than {:.0} %). No {result} is given as a measurement: every value is marked indeterminate. Likely causes: {causes}.",
-                    100.0 * REFUSED
-                )),
+            let (limits, usual, consequence) = match fit.verdict {
+                Verdict::Explained => return None,
+                Verdict::Doubtful => (
+                    [DOUBTFUL, VIOLATION_DOUBTFUL, STRUCTURE_DOUBTFUL],
+                    "usual is below",
+                    "Errors of that order, or larger ones, are not in the error bars.".to_string(),
+                ),
+                Verdict::Refused => (
+                    [REFUSED, VIOLATION_REFUSED, STRUCTURE_REFUSED],
+                    "more than",
+                    format!("No {result} is given as a measurement: every value is marked indeterminate."),
+                ),
+            };
+            let [unexplained, violation, structure] = limits;
+            let mut found = Vec::new();
+            if !(fit.unexplained <= unexplained) {
+                found.push(format!(
+                    "the best {result} leaves {:.1} % of the light field unexplained beyond the noise ({usual} {:.0} %)",
+                    100.0 * fit.unexplained,
+                    100.0 * unexplained
+                ));
             }
+            if recover == Recover::Lighting && fit.causes.structure > structure {
+                found.push(format!(
+                    "{:.1} % of the light field is unexplained beyond the noise and alike in neighbouring views and directions ({usual} {:.1} %), which reaches the light magnified about ten times",
+                    100.0 * fit.causes.structure,
+                    100.0 * structure
+                ));
+            }
+            if let Some(broken) = fit.violation
+                && broken > violation
+            {
+                found.push(format!(
+                    "{:.2} % of the light field is unexplained beyond the noise by any light and any reciprocal BRDF ({usual} {:.2} %), which reaches the BRDF magnified many times",
+                    100.0 * broken,
+                    100.0 * violation
+                ));
+            }
+            // A stated light that is wrong may look like texture, and what breaks reciprocity is the model's whatever the rest looks like.
+            let broken = fit.violation.is_some_and(|broken| broken > violation);
+            let model_first = broken || recover == Recover::Brdf;
+            let causes = fit.causes.ranked(&model, model_first);
+            Some(format!(
+                "Channel {name}: {}. {consequence} Likeliest first: {}.",
+                found.join(", and "),
+                causes.join("; ")
+            ))
         })
         .collect()
 }

@@ -2,6 +2,7 @@
 
 mod advice;
 mod brdf_products;
+mod causes;
 mod execute;
 mod explain;
 mod fingerprint;

@@ -156,6 +156,9 @@ fn summary(run: &Run) -> serde_json::Value {
                 object.insert("residual_relative".into(), json!(fit.residual_relative));
                 object.insert("chi2".into(), json!(fit.chi2));
                 object.insert("unexplained".into(), json!(fit.unexplained));
+                if let Some(violation) = fit.violation {
+                    object.insert("violation_of_reciprocity".into(), json!(violation));
+                }
                 object.insert("verdict".into(), json!(fit.verdict));
             }
             if let Some(l) = run.lighting.as_ref().and_then(|l| l.channels.get(c)) {

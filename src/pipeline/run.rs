@@ -13,8 +13,8 @@ use crate::light_field::{LightField, Part};
 use crate::recover::brdf::BrdfEstimate;
 use crate::recover::lighting::LightingEstimate;
 
-/// Whether a recovery explains what was measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Whether a recovery explains what was measured, from good to bad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// Up to what good photographs leave.

@@ -63,6 +63,7 @@ fn unchanging(
         ratio: lighting.clone(),
         lighting,
         misfit: 1.0,
+        violation: 0.0,
         scale,
         converged: true,
     })
@@ -220,6 +221,7 @@ pub(super) fn recover_channel(
         eigenvalues: start.eigenvalues,
         start: scaled(&start.lighting),
         ratio: scaled(&ratio::lighting(&coefficients)),
+        violation: refined.pairs.violation(covariance.nrows()),
         misfit,
         scale,
         converged: refined.converged,

@@ -187,6 +187,8 @@ pub struct Channel {
     pub ratio: Series,
     /// Mean square of the reciprocity residuals in units of the noise: 1 if model and noise are right.
     pub misfit: f64,
+    /// The part of the light field (rms) that breaks reciprocity beyond the noise, whatever the light.
+    pub violation: f64,
     /// Where the scale comes from.
     pub scale: String,
     /// Whether the refinement settled.

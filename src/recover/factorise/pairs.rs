@@ -276,6 +276,23 @@ impl Pairs {
         (across.iter().map(|r| r * r).sum(), across.len())
     }
 
+    /// Root of what the pairs hold across the model beyond the noise, relative to what they hold along it: the part of the light field
+    /// that no light and no reciprocal BRDF explain. `free` is the number of parameters that were fitted. 0 where it is within four
+    /// standard deviations of the noise's own scatter.
+    pub fn violation(&self, free: usize) -> f64 {
+        let (across, count) = self.misfit();
+        let expected = count.saturating_sub(free) as f64;
+        if across <= expected + 4.0 * (2.0 * expected).sqrt() {
+            return 0.0;
+        }
+        let along = self.along(&self.data);
+        let total: f64 = (0..along.ncols())
+            .flat_map(|b| (b..along.nrows()).map(move |a| (a, b)))
+            .map(|(a, b)| along[(a, b)].powi(2))
+            .sum();
+        ((across - expected) / total.max(f64::MIN_POSITIVE)).sqrt()
+    }
+
     /// Derivative of every constraint by Re L_p, Im L_p of every frequency but L_0, which is held, and by the errors that
     /// all samples share: constraints × (m − 1 + errors).
     pub fn jacobian(&self, whitened: &Whitened, unknown: &Mat<f64>) -> Mat<f64> {
