@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
 """flatlight against what one would use instead (peer.py: OpenImageIO, NumPy, SciPy), in one run on the same two processors.
 
-    benches/peer/run.py [--flatlight BINARY] [--cpus 0,1] [--repeat N] SET...
-    benches/peer/run.py --large SET      also: whole photographs only read, by OpenImageIO
+    benches/peer/run.py [--flatlight BINARY] [--cpus 0,1] [--repeat N] [--bare] SET...
+    benches/peer/run.py --large [--rows FIRST:LAST] SET     against OpenImageIO reading the photographs and nothing else:
+                                                            whole, and only the blocks that hold these rows
+
+--bare: against a least-squares fit without limbs, error bars, sources and products as well.
 
 Runs alternate, so that what else the machine does falls on both. A SET is a folder with capture.toml, recipe.toml and
 views/; `cargo bench --bench set` writes such sets of any size. Needs a Python with OpenImageIO, NumPy and SciPy."""
@@ -10,7 +13,6 @@ import argparse
 import json
 import os
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -27,27 +29,37 @@ def main():
     parser.add_argument("--flatlight", type=Path, default=ROOT / "target/release/flatlight")
     parser.add_argument("--cpus", default="0,1")
     parser.add_argument("--repeat", type=int, default=5)
-    parser.add_argument("--large", action="store_true", help="compare with reading whole photographs only")
+    parser.add_argument("--bare", action="store_true", help="compare with a bare least-squares fit, too")
+    parser.add_argument("--large", action="store_true", help="compare with reading the photographs only")
+    parser.add_argument("--rows", help="first:last, the scan lines that are needed")
     options = parser.parse_args()
     os.sched_setaffinity(0, {int(c) for c in options.cpus.split(",")})
+    peers = {"the peer": []}
+    if options.bare:
+        peers["a bare fit"] = ["--bare"]
+    if options.large:
+        peers = {"reading whole photographs": ["--read-only"]}
+        if options.rows:
+            peers["reading the blocks of the rows"] = ["--read-only", "--rows", options.rows]
     for folder in options.sets:
-        ours, theirs = [], []
+        ours, theirs = [], {name: [] for name in peers}
         for _ in range(options.repeat):
             with tempfile.TemporaryDirectory() as out:
-                shutil.rmtree(out)
-                ours.append(timed([options.flatlight, "run", folder / "recipe.toml", "--capture", folder, "--out", out,
+                ours.append(timed([options.flatlight, "run", folder / "recipe.toml", "--capture", folder, "--out", Path(out) / "a",
                                    "--threads", "2", "--quiet"]))
-                os.makedirs(out, exist_ok=True)
-            more = ["--read-only"] if options.large else []
-            theirs.append(timed([sys.executable, HERE / "peer.py", folder, *more]))
-        name = "reading whole photographs" if options.large else "the peer"
-        print(f"{folder}: flatlight, report included, {told(ours)}; {name} {told(theirs)}; "
-              f"{least(theirs, 'wall') / least(ours, 'wall'):.1f} times by wall, "
-              f"{least(theirs, 'inside') / least(ours, 'wall'):.1f} times without Python's start, "
-              f"{least(theirs, 'cpu') / least(ours, 'cpu'):.1f} times by processor time")
+                for name, more in peers.items():
+                    out_too = ["--out", Path(out) / "b"] if name == "the peer" else []
+                    theirs[name].append(timed([sys.executable, HERE / "peer.py", folder, *more, *out_too]))
+        print(f"{folder}: flatlight, report included, {told(ours)}")
+        for name, runs in theirs.items():
+            print(f"    {name} {told(runs)}; {least(runs, 'wall') / least(ours, 'wall'):.1f} times by wall, "
+                  f"{least(runs, 'inside') / least(ours, 'wall'):.1f} times without Python's start "
+                  f"({least(runs, 'inside'):.2f} s), {least(runs, 'cpu') / least(ours, 'cpu'):.1f} times by processor time")
 
 
 def timed(command):
+    # As many threads of linear algebra as processors; idle ones would only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", str(len(os.sched_getaffinity(0))))
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use num_complex::Complex64;
 
-use super::Brdf;
+use super::{Brdf, Pair};
 use crate::angle::LocalAngle;
 
 /// Most nodes of one Gauss–Legendre panel.
@@ -117,8 +117,14 @@ pub fn transfer_row(brdf: &dyn Brdf, exitant: LocalAngle, order: usize) -> Vec<C
     let rule = IncidentRule::new(brdf, exitant, order);
     let blocks = order / LANES + 1;
     let mut sums = vec![([0.0f64; LANES], [0.0f64; LANES]); blocks];
+    let form = brdf.isotropic();
+    let pair_of = Pair::towards(exitant);
     for (&angle, &weight) in rule.angles.iter().zip(&rule.weights) {
-        let rho = brdf.value(LocalAngle::radians(angle), exitant);
+        let incident = LocalAngle::radians(angle);
+        let rho = match form {
+            Some(form) => pair_of(incident).map_or(0.0, |pair| form.rho(&pair)),
+            None => brdf.value(incident, exitant),
+        };
         if rho == 0.0 {
             continue;
         }

@@ -7,8 +7,9 @@
 //! field itself cannot be told from lighting and is not looked for: it stays 0 by the prior.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
-use super::Samples;
+use super::{Column, Samples};
 use crate::angle::wrap;
 
 /// Exposure jitter that is thought possible, as a standard deviation of its logarithm.
@@ -61,7 +62,7 @@ pub fn jitter(samples: &Samples, views: usize) -> Option<Jitter> {
         return None;
     }
     let mut delta = DVector::<f64>::zeros(views);
-    let mut covariance = DMatrix::<f64>::zeros(views, views);
+    let mut solver = None;
     let mut gained = 0.0;
     for _ in 0..ROUNDS {
         let residual = |e: &Equation| {
@@ -89,64 +90,75 @@ pub fn jitter(samples: &Samples, views: usize) -> Option<Jitter> {
                 right[i] += weight * a * e.off;
             }
         }
-        let solver = normal.cholesky()?;
-        delta = solver.solve(&right);
+        let factor = normal.cholesky()?;
+        delta = factor.solve(&right);
         gained = right.dot(&delta);
-        covariance = solver.inverse();
+        solver = Some(factor);
     }
+    if gained <= BELIEVED * views as f64 {
+        return None;
+    }
+    let covariance = solver?.inverse();
     let found = Jitter {
         factor: delta.iter().map(|d| d.exp()).collect(),
         sigma: covariance.diagonal().iter().map(|v| v.sqrt()).collect(),
     };
-    (gained > BELIEVED * views as f64 && found.rms() > LEAST).then_some(found)
+    (found.rms() > LEAST).then_some(found)
 }
 
 fn equations(samples: &Samples) -> Vec<Equation> {
+    let of_columns: Vec<Vec<Equation>> = samples
+        .columns
+        .par_iter()
+        .map(|column| equations_of(column, samples.channels.len()))
+        .collect();
+    of_columns.into_iter().flatten().collect()
+}
+
+fn equations_of(column: &Column, channels: usize) -> Vec<Equation> {
     let mut equations = Vec::new();
-    for column in &samples.columns {
-        let mut order: Vec<usize> = (0..column.alpha.len()).collect();
-        order.sort_by(|a, b| column.alpha[*a].total_cmp(&column.alpha[*b]));
-        let n = order.len();
-        if n < 5 {
-            continue;
-        }
-        for c in 0..samples.channels.len() {
-            for at in 0..n {
-                let five = [0, 1, 2, 3, 4].map(|k| order[(at + n + k - 2) % n]);
-                let here = column.alpha[five[2]];
-                let offset = five.map(|i| wrap(column.alpha[i] - here));
-                let value = five.map(|i| column.value[c][i]);
-                let variance = five.map(|i| column.variance[c][i]);
-                let mean = value.iter().sum::<f64>() / 5.0;
-                let even = offset.windows(2).all(|w| w[1] - w[0] > 1e-6);
-                let near = offset[0] > -FARTHEST && offset[4] < FARTHEST;
-                if !even || !near || !variance.iter().all(|v| v.is_finite()) || !(mean > 0.0) {
-                    continue;
-                }
-                let mut terms = [(0, 0.0); 5];
-                let (mut off, mut noise) = (0.0, 0.0);
-                for (k, term) in terms.iter_mut().enumerate() {
-                    let weight = if k == 2 {
-                        1.0
-                    } else {
-                        let others = [0, 1, 3, 4].into_iter().filter(|m| *m != k);
-                        -others
-                            .map(|m| offset[m] / (offset[m] - offset[k]))
-                            .product::<f64>()
-                    };
-                    let part = weight * value[k] / mean;
-                    *term = (column.view[five[k]] as usize, part);
-                    off += part;
-                    noise += (weight / mean).powi(2) * variance[k];
-                }
-                // The dark side, where noise is all, has nothing to say.
-                if noise < 0.01 {
-                    equations.push(Equation {
-                        terms,
-                        off,
-                        noise: noise.sqrt(),
-                    });
-                }
+    let mut order: Vec<usize> = (0..column.alpha.len()).collect();
+    order.sort_by(|a, b| column.alpha[*a].total_cmp(&column.alpha[*b]));
+    let n = order.len();
+    if n < 5 {
+        return equations;
+    }
+    for c in 0..channels {
+        for at in 0..n {
+            let five = [0, 1, 2, 3, 4].map(|k| order[(at + n + k - 2) % n]);
+            let here = column.alpha[five[2]];
+            let offset = five.map(|i| wrap(column.alpha[i] - here));
+            let value = five.map(|i| column.value[c][i]);
+            let variance = five.map(|i| column.variance[c][i]);
+            let mean = value.iter().sum::<f64>() / 5.0;
+            let even = offset.windows(2).all(|w| w[1] - w[0] > 1e-6);
+            let near = offset[0] > -FARTHEST && offset[4] < FARTHEST;
+            if !even || !near || !variance.iter().all(|v| v.is_finite()) || !(mean > 0.0) {
+                continue;
+            }
+            let mut terms = [(0, 0.0); 5];
+            let (mut off, mut noise) = (0.0, 0.0);
+            for (k, term) in terms.iter_mut().enumerate() {
+                let weight = if k == 2 {
+                    1.0
+                } else {
+                    let others = [0, 1, 3, 4].into_iter().filter(|m| *m != k);
+                    -others
+                        .map(|m| offset[m] / (offset[m] - offset[k]))
+                        .product::<f64>()
+                };
+                let part = weight * value[k] / mean;
+                *term = (column.view[five[k]] as usize, part);
+                off += part;
+                noise += (weight / mean).powi(2) * variance[k];
+            }
+            // The dark side, where noise is all, has nothing to say.
+            if noise < 0.01 {
+                equations.push(Equation {
+                    terms,
+                    off,
+                    noise: noise.sqrt(),
+                });
             }
         }
     }

@@ -122,6 +122,9 @@ impl Turns {
 /// Lists of values whose sums share the turns' powers.
 const TOGETHER: usize = 4;
 
+/// Samples whose powers are taken through all frequencies at a time: they stay in the nearest cache.
+const BLOCK: usize = 256;
+
 /// Σ_i value_i turn_i^d for 0 ≤ d ≤ order, for each list of values.
 fn by_recurrence(turns: &[[f64; 2]], values: &[&[f64]], order: usize) -> Vec<Vec<Complex64>> {
     fn powers<const N: usize>(
@@ -169,42 +172,42 @@ impl<const N: usize> pulp::WithSimd for Powers<'_, N> {
                     .any(|list| list.get(i).is_some_and(|v| *v != 0.0))
             })
             .collect();
-        // Cosine, sine, real and imaginary part of the power so far, and the values, in vectors; the last ones are
-        // filled up with zeros.
-        let vectors = present.len().div_ceil(S::F64_LANES);
-        let mut all = vec![([zero, zero, simd.splat_f64s(1.0), zero], [zero; N]); vectors];
-        let put = |vector: &mut S::f64s, lane: usize, value: f64| {
-            let lanes: &mut [f64] = pulp::bytemuck::cast_slice_mut(std::slice::from_mut(vector));
-            if let Some(out) = lanes.get_mut(lane) {
-                *out = value;
-            }
-        };
-        for (at, &i) in present.iter().enumerate() {
-            let lane = at % S::F64_LANES;
-            let (powers, lists) = &mut all[at / S::F64_LANES];
-            put(&mut powers[0], lane, self.turns[i][0]);
-            put(&mut powers[1], lane, self.turns[i][1]);
-            for (list, values) in lists.iter_mut().zip(&self.values) {
-                put(list, lane, values.get(i).copied().unwrap_or(0.0));
-            }
-        }
-        let mut sums = std::array::from_fn(|_| Vec::with_capacity(self.order + 1));
-        for _ in 0..=self.order {
-            let mut total = [[zero; 2]; N];
-            for ([cos, sin, re, im], lists) in &mut all {
-                for (total, &list) in total.iter_mut().zip(&*lists) {
-                    total[0] = simd.mul_add_e_f64s(list, *re, total[0]);
-                    total[1] = simd.mul_add_e_f64s(list, *im, total[1]);
+        let mut sums = std::array::from_fn(|_| vec![Complex64::ZERO; self.order + 1]);
+        for present in present.chunks(BLOCK) {
+            // Cosine, sine, real and imaginary part of the power so far, and the values, in vectors; the last ones
+            // are filled up with zeros.
+            let vectors = present.len().div_ceil(S::F64_LANES);
+            let mut all = vec![([zero, zero, simd.splat_f64s(1.0), zero], [zero; N]); vectors];
+            let put = |vector: &mut S::f64s, lane: usize, value: f64| {
+                let lanes: &mut [f64] =
+                    pulp::bytemuck::cast_slice_mut(std::slice::from_mut(vector));
+                if let Some(out) = lanes.get_mut(lane) {
+                    *out = value;
                 }
-                let turned = simd.sub_f64s(simd.mul_f64s(*re, *cos), simd.mul_f64s(*im, *sin));
-                *im = simd.mul_add_e_f64s(*re, *sin, simd.mul_f64s(*im, *cos));
-                *re = turned;
+            };
+            for (at, &i) in present.iter().enumerate() {
+                let lane = at % S::F64_LANES;
+                let (powers, lists) = &mut all[at / S::F64_LANES];
+                put(&mut powers[0], lane, self.turns[i][0]);
+                put(&mut powers[1], lane, self.turns[i][1]);
+                for (list, values) in lists.iter_mut().zip(&self.values) {
+                    put(list, lane, values.get(i).copied().unwrap_or(0.0));
+                }
             }
-            for (sums, [re, im]) in sums.iter_mut().zip(total) {
-                sums.push(Complex64::new(
-                    simd.reduce_sum_f64s(re),
-                    simd.reduce_sum_f64s(im),
-                ));
+            for p in 0..=self.order {
+                let mut total = [[zero; 2]; N];
+                for ([cos, sin, re, im], lists) in &mut all {
+                    for (total, &list) in total.iter_mut().zip(&*lists) {
+                        total[0] = simd.mul_add_e_f64s(list, *re, total[0]);
+                        total[1] = simd.mul_add_e_f64s(list, *im, total[1]);
+                    }
+                    let turned = simd.sub_f64s(simd.mul_f64s(*re, *cos), simd.mul_f64s(*im, *sin));
+                    *im = simd.mul_add_e_f64s(*re, *sin, simd.mul_f64s(*im, *cos));
+                    *re = turned;
+                }
+                for (sums, [re, im]) in sums.iter_mut().zip(total) {
+                    sums[p] += Complex64::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
+                }
             }
         }
         sums
