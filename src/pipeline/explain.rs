@@ -114,15 +114,26 @@ pub fn findings(recipe: &Recipe, measured: &Measured, recovered: &Recovered) -> 
         for channel in &models.channels {
             if let Some(best) = channel.fits.get(channel.best) {
                 findings.push(format!(
-                    "Channel {}: of the analytic models {} fits the slice best, to {:.1} % of its largest ρ cos θi′ cos θo′ (rms).",
+                    "Channel {}: of the analytic models {} fits the slice best, to {} of its largest ρ cos θi′ cos θo′ (rms).",
                     channel.channel,
                     best.model,
-                    100.0 * best.relative_rms
+                    percent(best.relative_rms)
                 ));
             }
         }
     }
     grouped(findings)
+}
+
+/// A share in percent, to two significant digits.
+fn percent(share: f64) -> String {
+    let value = 100.0 * share;
+    let decimals = if value > 0.0 && value.is_finite() {
+        (1.0 - value.log10().floor()).clamp(0.0, 6.0) as usize
+    } else {
+        1
+    };
+    format!("{value:.decimals$} %")
 }
 
 /// Sentences that say the same of several channels, "Channel R: …", become one, at the place of the first.
