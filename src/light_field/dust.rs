@@ -65,42 +65,37 @@ const LANES: usize = 4;
 /// Ranks that the limit of trust is followed over from one step to the next before it is looked for anew.
 const NEAR: usize = 6;
 
-/// The rows of one station: their distances from the line, values and variances, filled up to whole [`LANES`] with rows that are
-/// endlessly far off.
+/// The rows of one station: their distances from the line, values and variances.
 #[derive(Default)]
 pub(super) struct Rows {
-    count: usize,
-    t: Vec<[f64; LANES]>,
-    value: Vec<[f64; LANES]>,
-    variance: Vec<[f64; LANES]>,
-    /// Distances from the curve through the trusted rows.
-    distance: Vec<[f64; LANES]>,
+    t: Vec<f64>,
+    value: Vec<f64>,
+    variance: Vec<f64>,
+    /// Distances from the curve through the trusted rows; endless for what fills up the last [`LANES`].
+    distance: Vec<f64>,
     /// 1 for a trusted row, 0 for others.
-    trusted: Vec<[f64; LANES]>,
+    trusted: Vec<f64>,
+}
+
+/// A list as whole [`LANES`].
+fn lanes(list: &[f64]) -> &[[f64; LANES]] {
+    list.as_chunks().0
+}
+
+fn lanes_mut(list: &mut [f64]) -> &mut [[f64; LANES]] {
+    list.as_chunks_mut().0
 }
 
 impl Rows {
-    pub(super) fn clear(&mut self) {
-        self.count = 0;
+    /// Rows of (distance from the line, value, variance) in place of those before.
+    pub(super) fn take(&mut self, rows: impl Iterator<Item = (f64, f64, f64)>) {
         self.t.clear();
         self.value.clear();
         self.variance.clear();
-    }
-
-    pub(super) fn push(&mut self, t: f64, value: f64, variance: f64) {
-        let lane = self.count % LANES;
-        self.count += 1;
-        for (list, x) in [
-            (&mut self.t, t),
-            (&mut self.value, value),
-            (&mut self.variance, variance),
-        ] {
-            if lane == 0 {
-                list.push([0.0; LANES]);
-            }
-            if let Some(last) = list.last_mut() {
-                last[lane] = x;
-            }
+        for (t, value, variance) in rows {
+            self.t.push(t);
+            self.value.push(value);
+            self.variance.push(variance);
         }
     }
 
@@ -111,56 +106,54 @@ impl Rows {
 
     #[inline(always)]
     fn trimmed(&mut self) -> Option<Sums> {
-        let count = self.count;
+        let count = self.t.len();
         let sound = ((count as f64 * SOUND) as usize).max(5);
         if count <= sound {
             return None;
         }
+        let whole = count.next_multiple_of(LANES);
         self.distance.clone_from(&self.value);
-        self.fill_up();
-        let median = Ranked::among(&self.distance, count / 2).value;
-        for lanes in &mut self.distance {
-            for d in lanes {
-                *d = (*d - median).abs();
-            }
+        self.distance.resize(whole, f64::INFINITY);
+        for list in [&mut self.t, &mut self.value, &mut self.variance] {
+            list.resize(whole, 0.0);
         }
-        self.fill_up();
+        let median = Ranked::among(lanes(&self.distance), count / 2).value;
+        for d in &mut self.distance[..count] {
+            *d = (*d - median).abs();
+        }
         self.trusted.clear();
-        self.trusted.resize(self.value.len(), [0.0; LANES]);
+        self.trusted.resize(whole, 0.0);
         let mut scale = 0.0;
         // The row at the limit of trust.
         let mut last = None;
         for _ in 0..STEPS {
-            let guess =
-                last.and_then(|i: usize| self.distance.get(i / LANES).map(|d| d[i % LANES]));
+            let guess = last.map(|i: usize| self.distance[i]);
             let limit = guess
-                .and_then(|guess| Ranked::near(&self.distance, sound - 1, guess))
-                .unwrap_or_else(|| Ranked::among(&self.distance, sound - 1));
+                .and_then(|guess| Ranked::near(lanes(&self.distance), sound - 1, guess))
+                .unwrap_or_else(|| Ranked::among(lanes(&self.distance), sound - 1));
             if !self.trust(sound, limit) {
                 break;
             }
-            last = self
-                .distance
-                .as_flattened()
-                .iter()
-                .position(|d| *d == limit.value);
+            last = self.distance.iter().position(|d| *d == limit.value);
             let sums = self.sums();
             let (curve, trimmed) = sums.curve()?;
             let stated = sums.variance / f64::from(sums.count);
             scale = (TRIMMED * trimmed.residual / f64::from(trimmed.freedom.max(1))).max(stated);
             let k = super::strip::PIXEL_VARIANCE;
-            for ((distance, t), value) in self.distance.iter_mut().zip(&self.t).zip(&self.value) {
+            let rows = lanes(&self.t).iter().zip(lanes(&self.value));
+            for (distance, (t, value)) in lanes_mut(&mut self.distance).iter_mut().zip(rows) {
                 for lane in 0..LANES {
                     let t = t[lane];
                     distance[lane] =
                         (value[lane] - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
                 }
             }
-            self.fill_up();
+            self.distance[count..].fill(f64::INFINITY);
         }
         let limit = OFF * scale.sqrt();
         let mut kept = [0.0; LANES];
-        for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
+        let trusted = lanes_mut(&mut self.trusted).iter_mut();
+        for (trusted, d) in trusted.zip(lanes(&self.distance)) {
             for lane in 0..LANES {
                 trusted[lane] = if d[lane] <= limit { 1.0 } else { 0.0 };
                 kept[lane] += trusted[lane];
@@ -170,24 +163,14 @@ impl Rows {
         (kept >= sound && kept < count).then(|| self.sums())
     }
 
-    /// Puts the distances of what is no row beyond all others.
-    #[inline(always)]
-    fn fill_up(&mut self) {
-        let rows = self.count % LANES;
-        if rows > 0
-            && let Some(last) = self.distance.last_mut()
-        {
-            last[rows..].fill(f64::INFINITY);
-        }
-    }
-
     /// Trusts the `sound` rows nearest to the curve; whether these are others than before.
     #[inline(always)]
     fn trust(&mut self, sound: usize, limit: Ranked) -> bool {
         let mut changed = false;
         if limit.below + limit.equal == sound {
             let mut others = [0.0; LANES];
-            for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
+            let trusted = lanes_mut(&mut self.trusted).iter_mut();
+            for (trusted, d) in trusted.zip(lanes(&self.distance)) {
                 for lane in 0..LANES {
                     let now = if d[lane] <= limit.value { 1.0 } else { 0.0 };
                     others[lane] += f64::abs(now - trusted[lane]);
@@ -198,8 +181,7 @@ impl Rows {
         }
         // Among equally distant rows the first ones, so that there are `sound` of them.
         let mut ties = sound.saturating_sub(limit.below);
-        let distances = self.distance.as_flattened();
-        for (trusted, d) in self.trusted.as_flattened_mut().iter_mut().zip(distances) {
+        for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
             let tied = *d == limit.value && ties > 0;
             ties -= usize::from(tied);
             let now = if *d < limit.value || tied { 1.0 } else { 0.0 };
@@ -214,8 +196,9 @@ impl Rows {
     fn sums(&self) -> Sums {
         // Count, Σ t … t⁴, Σ v, Σ v t, Σ v t², Σ v², Σ variance.
         let mut sums = [[0.0; LANES]; 10];
-        let rows = self.t.iter().zip(&self.value).zip(&self.variance);
-        for (((t, value), variance), trusted) in rows.zip(&self.trusted) {
+        let [t, value, variance, trusted] =
+            [&self.t, &self.value, &self.variance, &self.trusted].map(|list| lanes(list));
+        for (((t, value), variance), trusted) in t.iter().zip(value).zip(variance).zip(trusted) {
             for lane in 0..LANES {
                 // What is not trusted adds zeros.
                 let used = trusted[lane] > 0.0;
@@ -350,11 +333,11 @@ mod tests {
     /// Rows of one station with the noise of a fixed sequence.
     fn rows(off: impl Fn(usize) -> f64) -> Rows {
         let mut rows = Rows::default();
-        for i in 0..48 {
+        rows.take((0..48).map(|i| {
             let t = i as f64 - 23.5;
             let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
-            rows.push(t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5);
-        }
+            (t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5)
+        }));
         rows
     }
 

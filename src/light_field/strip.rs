@@ -291,15 +291,16 @@ fn leave_dust_out(
             .collect();
         for k in dust::suspicious(&scatter) {
             let (height, reach) = lines[k];
-            rows.clear();
-            for row in radiance.rows.clone() {
-                let at = (row - radiance.rows.start) as usize * width + first + k;
+            let near = rows_within(radiance, &lines[k..=k]);
+            let at = (near.start - radiance.rows.start) as usize * width + first + k;
+            let values = radiance.value[c].get(at..).unwrap_or(&[]).iter();
+            let variances = radiance.variance[c].get(at..).unwrap_or(&[]).iter();
+            let pixels = values.step_by(width).zip(variances.step_by(width));
+            rows.take(near.zip(pixels).filter_map(|(row, (value, variance))| {
                 let t = f64::from(row) + 0.5 - height;
-                let variance = f64::from(radiance.variance[c][at]);
-                if t.abs() <= reach && variance.is_finite() {
-                    rows.push(t, f64::from(radiance.value[c][at]), variance);
-                }
-            }
+                let used = t.abs() <= reach && variance.is_finite();
+                used.then(|| (t, f64::from(*value), f64::from(*variance)))
+            }));
             if let Some(kept) = rows.without_dust() {
                 sums[k * channels + c] = kept;
                 fits[k * channels + c] = kept.fit();

@@ -65,20 +65,22 @@ impl<'a> Lit<'a> {
         // (θ − α)/2 by the addition theorem: no sine of every sample's own.
         let (sin, cos) = (0.5 * theta).sin_cos();
         let pair_of = Pair::towards_of_half(column.local);
-        let (places, pairs): (Vec<usize>, Vec<Pair>) = self.present[j]
-            .iter()
-            .filter_map(|&i| {
-                let (s, c) = halves[i];
-                let half = (sin * c - cos * s, cos * c + sin * s);
-                // θ − α in [−π, π).
-                let half = if half.1 < 0.0 {
-                    (-half.0, -half.1)
-                } else {
-                    half
-                };
-                Some((i, pair_of(half)?))
-            })
-            .unzip();
+        let most = self.present[j].len();
+        let (mut places, mut pairs) = (Vec::with_capacity(most), Vec::with_capacity(most));
+        for &i in &self.present[j] {
+            let (s, c) = halves[i];
+            let half = (sin * c - cos * s, cos * c + sin * s);
+            // θ − α in [−π, π).
+            let half = if half.1 < 0.0 {
+                (-half.0, -half.1)
+            } else {
+                half
+            };
+            if let Some(pair) = pair_of(half) {
+                places.push(i);
+                pairs.push(pair);
+            }
+        }
         let mut rho = Vec::with_capacity(pairs.len());
         for (response, brdf) in responses.iter_mut().zip(brdfs) {
             if let Some(form) = brdf.isotropic() {
