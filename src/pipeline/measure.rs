@@ -214,14 +214,20 @@ pub fn measure(
         pixels,
         slopes,
     } = gathered;
-    let field = grid(&samples, cells, &pixels);
     let two_sided = outlines
         .iter()
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
-    let mut seen = warnings(capture, &outlines, poses, &samples);
+    let (field, (mut systematics, mut seen)) = rayon::join(
+        || grid(&samples, cells, &pixels),
+        || {
+            rayon::join(
+                || systematics(&settled, capture, &geometries[0], blind, &samples, &slopes),
+                || warnings(capture, &outlines, poses, &samples),
+            )
+        },
+    );
     if let Some(lean) = &lean {
         let mut uncorrected = sampled(false);
         if let Some(jitter) = &jitter {
