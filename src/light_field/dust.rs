@@ -62,8 +62,9 @@ pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
 /// sides of the line are equally far off but for rounding.
 const LANES: usize = 4;
 
-/// Ranks that the limit of trust is followed over from one step to the next before it is looked for anew.
-const NEAR: usize = 6;
+/// Guesses of a ranked value, and ranks that are left over to go one by one.
+const GUESSES: usize = 8;
+const NEAR: usize = 3;
 
 /// The rows of one station: their distances from the line, values and variances.
 #[derive(Default)]
@@ -87,15 +88,27 @@ fn lanes_mut(list: &mut [f64]) -> &mut [[f64; LANES]] {
 }
 
 impl Rows {
-    /// Rows of (distance from the line, value, variance) in place of those before.
-    pub(super) fn take(&mut self, rows: impl Iterator<Item = (f64, f64, f64)>) {
-        self.t.clear();
-        self.value.clear();
-        self.variance.clear();
-        for (t, value, variance) in rows {
-            self.t.push(t);
-            self.value.push(value);
-            self.variance.push(variance);
+    /// Takes rows in place of those before: each is a distance from the line, value, variance, and whether it is there; at most
+    /// `most`.
+    pub(super) fn take(&mut self, most: usize, rows: impl Iterator<Item = ([f64; 3], bool)>) {
+        for list in [&mut self.t, &mut self.value, &mut self.variance] {
+            list.resize(most, 0.0);
+        }
+        let mut count = 0;
+        let places = (&mut self.t, &mut self.value, &mut self.variance);
+        for (row, there) in rows.take(most) {
+            // What is not there is overwritten by what comes next.
+            if let (Some(t), Some(value), Some(variance)) = (
+                places.0.get_mut(count),
+                places.1.get_mut(count),
+                places.2.get_mut(count),
+            ) {
+                [*t, *value, *variance] = row;
+            }
+            count += usize::from(there);
+        }
+        for list in [&mut self.t, &mut self.value, &mut self.variance] {
+            list.truncate(count);
         }
     }
 
@@ -124,17 +137,15 @@ impl Rows {
         self.trusted.clear();
         self.trusted.resize(whole, 0.0);
         let mut scale = 0.0;
-        // The row at the limit of trust.
-        let mut last = None;
-        for _ in 0..STEPS {
-            let guess = last.map(|i: usize| self.distance[i]);
-            let limit = guess
-                .and_then(|guess| Ranked::near(lanes(&self.distance), sound - 1, guess))
-                .unwrap_or_else(|| Ranked::among(lanes(&self.distance), sound - 1));
+        let mut limit = Ranked::among(lanes(&self.distance), sound - 1);
+        for step in 0..STEPS {
+            if step > 0 {
+                // Not far from where it was.
+                limit = Ranked::from(lanes(&self.distance), sound - 1, limit.value);
+            }
             if !self.trust(sound, limit) {
                 break;
             }
-            last = self.distance.iter().position(|d| *d == limit.value);
             let sums = self.sums();
             let (curve, trimmed) = sums.curve()?;
             let stated = sums.variance / f64::from(sums.count);
@@ -290,40 +301,81 @@ impl Ranked {
         Self::of(values, sorted.get(rank).copied().unwrap_or(f64::NAN))
     }
 
-    /// The same from a value whose rank is at most [`NEAR`] off, neighbour by neighbour; `None` if it is not.
+    /// The same among values from 0 on, from a guess: between two values whose ranks lie on both sides by linear interpolation, and the
+    /// last few ranks one by one.
     #[inline(always)]
-    fn near(values: &[[f64; LANES]], rank: usize, guess: f64) -> Option<Self> {
-        let mut found = Self::of(values, guess);
-        if found.equal == 0 || found.below > rank + NEAR || found.below + found.equal + NEAR < rank
-        {
-            return None;
-        }
-        while !found.is(rank) {
-            let up = found.below < rank;
-            let mut next = [if up { f64::INFINITY } else { f64::NEG_INFINITY }; LANES];
-            for lanes in values {
-                for lane in 0..LANES {
-                    let value = lanes[lane];
-                    let nearer = if up {
-                        value > found.value && value < next[lane]
-                    } else {
-                        value < found.value && value > next[lane]
-                    };
-                    next[lane] = if nearer { value } else { next[lane] };
-                }
+    fn from(values: &[[f64; LANES]], rank: usize, guess: f64) -> Self {
+        // A value and how many are not above it; a value and how many are below it.
+        let (mut low, mut not_above) = (-1.0, 0);
+        let mut high: Option<(f64, usize)> = None;
+        let mut guess = guess;
+        for _ in 0..GUESSES {
+            let found = Self::of(values, guess);
+            if found.is(rank) {
+                return found;
             }
-            let value = if up {
-                next.iter().copied().fold(f64::INFINITY, f64::min)
+            if found.below > rank {
+                high = Some((guess, found.below));
             } else {
-                next.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-            };
-            found = Self::of(values, value);
-            if found.equal == 0 {
-                return None;
+                (low, not_above) = (guess, found.below + found.equal);
             }
+            let (up, down) = (rank + 1 - not_above, high.map(|(_, below)| below - rank));
+            if up <= NEAR || down.is_some_and(|down| down <= NEAR) {
+                let upwards = down.is_none_or(|down| up <= down);
+                let (mut value, steps) = match high {
+                    Some((high, below)) if !upwards => (high, below - rank),
+                    _ => (low, up),
+                };
+                for _ in 0..steps {
+                    value = if upwards {
+                        next_above(values, value)
+                    } else {
+                        next_below(values, value)
+                    };
+                }
+                // Among equal values steps are longer than ranks.
+                let found = Self::of(values, value);
+                if found.is(rank) {
+                    return found;
+                }
+                break;
+            }
+            guess = match high {
+                Some((high, below)) => {
+                    let share = (rank as f64 + 0.5 - not_above as f64) / (below - not_above) as f64;
+                    low + (high - low) * share
+                }
+                None => 1.5 * guess,
+            };
         }
-        Some(found)
+        Self::among(values, rank)
     }
+}
+
+/// The least of the values above another.
+#[inline(always)]
+fn next_above(values: &[[f64; LANES]], value: f64) -> f64 {
+    let mut next = [f64::INFINITY; LANES];
+    for lanes in values {
+        for lane in 0..LANES {
+            let nearer = (lanes[lane] > value) & (lanes[lane] < next[lane]);
+            next[lane] = if nearer { lanes[lane] } else { next[lane] };
+        }
+    }
+    next.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// The largest of the values below another.
+#[inline(always)]
+fn next_below(values: &[[f64; LANES]], value: f64) -> f64 {
+    let mut next = [f64::NEG_INFINITY; LANES];
+    for lanes in values {
+        for lane in 0..LANES {
+            let nearer = (lanes[lane] < value) & (lanes[lane] > next[lane]);
+            next[lane] = if nearer { lanes[lane] } else { next[lane] };
+        }
+    }
+    next.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
 #[cfg(test)]
@@ -333,11 +385,14 @@ mod tests {
     /// Rows of one station with the noise of a fixed sequence.
     fn rows(off: impl Fn(usize) -> f64) -> Rows {
         let mut rows = Rows::default();
-        rows.take((0..48).map(|i| {
-            let t = i as f64 - 23.5;
-            let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
-            (t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5)
-        }));
+        rows.take(
+            50,
+            (0..48).map(|i| {
+                let t = i as f64 - 23.5;
+                let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
+                ([t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5], true)
+            }),
+        );
         rows
     }
 
@@ -354,12 +409,13 @@ mod tests {
             for (rank, expected) in sorted.iter().enumerate() {
                 let found = Ranked::among(&values, rank);
                 assert!(found.value == *expected && found.is(rank));
-                for guess in values.as_flattened() {
-                    let near = Ranked::near(&values, rank, *guess);
-                    let off = rank.abs_diff(Ranked::of(&values, *guess).below);
-                    assert!(near == Some(found) || near.is_none() && off > NEAR);
+                // From any guess, where no value is below 0.
+                let above: Vec<[f64; LANES]> =
+                    values.iter().map(|lanes| lanes.map(|v| v + 9.0)).collect();
+                for guess in [0.0, 0.5, 3.0, 7.7, 13.0, 22.0, 30.0, f64::NAN] {
+                    let found = Ranked::from(&above, rank, guess);
+                    assert!(found.value == *expected + 9.0 && found.is(rank));
                 }
-                assert_eq!(Ranked::near(&values, rank, 0.5), None);
             }
         }
         let endless = [[f64::INFINITY, 1.0, f64::INFINITY, 2.0]];

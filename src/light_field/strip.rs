@@ -296,11 +296,12 @@ fn leave_dust_out(
             let values = radiance.value[c].get(at..).unwrap_or(&[]).iter();
             let variances = radiance.variance[c].get(at..).unwrap_or(&[]).iter();
             let pixels = values.step_by(width).zip(variances.step_by(width));
-            rows.take(near.zip(pixels).filter_map(|(row, (value, variance))| {
+            let row = |(row, (value, variance)): (u32, (&f32, &f32))| {
                 let t = f64::from(row) + 0.5 - height;
-                let used = t.abs() <= reach && variance.is_finite();
-                used.then(|| (t, f64::from(*value), f64::from(*variance)))
-            }));
+                let there = (t.abs() <= reach) & variance.is_finite();
+                ([t, f64::from(*value), f64::from(*variance)], there)
+            };
+            rows.take(near.len(), near.zip(pixels).map(row));
             if let Some(kept) = rows.without_dust() {
                 sums[k * channels + c] = kept;
                 fits[k * channels + c] = kept.fit();
