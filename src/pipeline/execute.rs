@@ -157,12 +157,11 @@ impl Task<'_> {
             .iter_mut()
             .for_each(fit::FitQuality::judge_lighting);
         clock.lap("residual");
-        recovered.advice = advice::on_lighting(self.capture, self.measured, &material, &estimate);
+        (recovered.advice, recovered.warnings) = rayon::join(
+            || advice::on_lighting(self.capture, self.measured, &material, &estimate),
+            || [model.warnings(), model.warnings_of_table(&material)].concat(),
+        );
         clock.lap("advice");
-        recovered.warnings = model.warnings();
-        recovered
-            .warnings
-            .extend(model.warnings_of_table(&material));
         recovered.lighting = Some(estimate);
         self.progress.step();
         Ok(recovered)
