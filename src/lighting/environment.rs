@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use super::Lighting;
 use crate::error::{Error, Result};
 use crate::files;
+use crate::light_field::sort_attributes;
 use crate::photo::{self, ExrPart, Format};
 
 /// A lat-long map of radiance, W m⁻² sr⁻¹.
@@ -319,7 +320,9 @@ fn write_compressed(
     writer
         .to_buffered(&mut bytes)
         .map_err(|e| Error::write(file, e))?;
-    files::write_whole(file, bytes.get_ref())
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    files::write_whole(file, &bytes)
 }
 
 #[cfg(test)]
