@@ -8,6 +8,8 @@ use crate::lighting::{Lighting, Source};
 
 /// Exponents to which photographs are taken: those of a gamma of 2.2 left in or taken out once too often, and of curves a little bent.
 const EXPONENTS: [f64; 6] = [2.2, 1.0 / 2.2, 1.5, 0.67, 1.25, 0.8];
+/// Shoulders that are straightened: the part by which the largest value fell short of a straight line.
+const SHOULDERS: [f64; 2] = [0.2, 0.4];
 /// Distances of lamps in radii of the object.
 const DISTANCES: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
 /// Part of the residual that may be left for a cause to be named.
@@ -37,9 +39,20 @@ pub fn better(
     let few = |all: usize| if thorough { all } else { 2 };
     for exponent in &EXPONENTS[..few(EXPONENTS.len())] {
         consider(
-            unexplained(&to_power(samples, *exponent)),
+            unexplained(&bent(samples, |share| share.powf(*exponent))),
             format!(
                 "the photographs are not linear: they fit far better if their values are taken to the power {exponent:.2}"
+            ),
+        );
+    }
+    for shoulder in &SHOULDERS[..if thorough { SHOULDERS.len() } else { 0 }] {
+        consider(
+            unexplained(&bent(samples, |share| {
+                share * (1.0 - shoulder) / (1.0 - shoulder * share)
+            })),
+            format!(
+                "the photographs are not linear: they fit far better if the largest values are raised by {:.0} % against the others",
+                100.0 * shoulder / (1.0 - shoulder)
             ),
         );
     }
@@ -58,8 +71,9 @@ pub fn better(
     best.map(|(_, what)| what)
 }
 
-/// The samples to a power, in the scale of the largest value of each channel, which stays.
-fn to_power(samples: &Samples, exponent: f64) -> Samples {
+/// The samples on another curve, of parts of the largest value of each channel, which stays. Their variances stay too: what a curve does to
+/// noise is small against what it does to the values.
+fn bent(samples: &Samples, curve: impl Fn(f64) -> f64) -> Samples {
     let mut changed = samples.clone();
     for c in 0..samples.channels.len() {
         let values = samples.columns.iter().flat_map(|column| {
@@ -68,13 +82,8 @@ fn to_power(samples: &Samples, exponent: f64) -> Samples {
         });
         let largest = values.fold(f64::MIN_POSITIVE, f64::max);
         for column in &mut changed.columns {
-            let both = column.value[c].iter_mut().zip(&mut column.variance[c]);
-            for (value, variance) in both {
-                let share = (*value / largest).max(0.0);
-                *value = largest * share.powf(exponent);
-                // Near 0 the slope of a root has no end, and noise is all there is.
-                let slope = exponent * share.max(1e-3).powf(exponent - 1.0);
-                *variance *= slope * slope;
+            for value in &mut column.value[c] {
+                *value = largest * curve((*value / largest).clamp(0.0, 1.0));
             }
         }
     }
@@ -164,7 +173,7 @@ mod tests {
             };
             lamps.iter().map(of).sum()
         };
-        let alpha: Vec<f64> = (0..360).map(|k| f64::from(k).to_radians() - 3.14).collect();
+        let alpha: Vec<f64> = (0..360).map(|k| f64::from(k - 180).to_radians()).collect();
         let value: Vec<f64> = alpha.iter().map(|a| place(*a).powf(curve)).collect();
         Samples {
             channels: vec!["Y".into()],
