@@ -34,10 +34,20 @@ impl Isotropic for Phong {
 
 /// xⁿ; whole exponents, as people state them, cost a few multiplications.
 fn power(x: f64, n: f64) -> f64 {
-    if n.fract() == 0.0 && n <= 1024.0 {
-        x.powi(n as i32)
-    } else {
-        x.powf(n)
+    let whole = n as i32;
+    if !(0..=1024).contains(&whole) || f64::from(whole) != n {
+        return x.powf(n);
+    }
+    let (mut power, mut square, mut left) = (1.0, x, whole);
+    loop {
+        if left & 1 == 1 {
+            power *= square;
+        }
+        left >>= 1;
+        if left == 0 {
+            return power;
+        }
+        square *= square;
     }
 }
 

@@ -5,8 +5,6 @@
 //! the rows that agree with each other (least trimmed squares: P. J. Rousseeuw, "Least median of squares
 //! regression", J. Am. Stat. Assoc. 79 (1984)), without those far off. Stations that agree are not touched.
 
-use pulp::Simd;
-
 use super::strip::Sums;
 
 /// Stations of one neighbourhood.
@@ -60,29 +58,50 @@ pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
         .collect()
 }
 
-/// The rows of one station: their distances from the line, values and variances.
+/// Rows that are worked on side by side, and summed in this order whatever the processor has: rows of equal values on both
+/// sides of the line are equally far off but for rounding.
+const LANES: usize = 4;
+
+/// Ranks that the limit of trust is followed over from one step to the next before it is looked for anew.
+const NEAR: usize = 6;
+
+/// The rows of one station: their distances from the line, values and variances, filled up to whole [`LANES`] with rows that are
+/// endlessly far off.
 #[derive(Default)]
 pub(super) struct Rows {
-    t: Vec<f64>,
-    value: Vec<f64>,
-    variance: Vec<f64>,
+    count: usize,
+    t: Vec<[f64; LANES]>,
+    value: Vec<[f64; LANES]>,
+    variance: Vec<[f64; LANES]>,
     /// Distances from the curve through the trusted rows.
-    distance: Vec<f64>,
+    distance: Vec<[f64; LANES]>,
     /// 1 for a trusted row, 0 for others.
-    trusted: Vec<f64>,
+    trusted: Vec<[f64; LANES]>,
 }
 
 impl Rows {
     pub(super) fn clear(&mut self) {
+        self.count = 0;
         self.t.clear();
         self.value.clear();
         self.variance.clear();
     }
 
     pub(super) fn push(&mut self, t: f64, value: f64, variance: f64) {
-        self.t.push(t);
-        self.value.push(value);
-        self.variance.push(variance);
+        let lane = self.count % LANES;
+        self.count += 1;
+        for (list, x) in [
+            (&mut self.t, t),
+            (&mut self.value, value),
+            (&mut self.variance, variance),
+        ] {
+            if lane == 0 {
+                list.push([0.0; LANES]);
+            }
+            if let Some(last) = list.last_mut() {
+                last[lane] = x;
+            }
+        }
     }
 
     /// The sums over the rows that agree, if any do not.
@@ -91,138 +110,237 @@ impl Rows {
     }
 
     #[inline(always)]
-    fn trimmed<S: Simd>(&mut self, simd: S) -> Option<Sums> {
-        let count = self.t.len();
+    fn trimmed(&mut self) -> Option<Sums> {
+        let count = self.count;
         let sound = ((count as f64 * SOUND) as usize).max(5);
         if count <= sound {
             return None;
         }
-        let median = nth(simd, &self.value, count / 2);
-        self.distance.clear();
-        self.distance
-            .extend(self.value.iter().map(|v| (v - median).abs()));
+        self.distance.clone_from(&self.value);
+        self.fill_up();
+        let median = Ranked::among(&self.distance, count / 2).value;
+        for lanes in &mut self.distance {
+            for d in lanes {
+                *d = (*d - median).abs();
+            }
+        }
+        self.fill_up();
         self.trusted.clear();
-        self.trusted.resize(count, 0.0);
+        self.trusted.resize(self.value.len(), [0.0; LANES]);
         let mut scale = 0.0;
+        // The row at the limit of trust.
+        let mut last = None;
         for _ in 0..STEPS {
-            if !self.trust(simd, sound) {
+            let guess =
+                last.and_then(|i: usize| self.distance.get(i / LANES).map(|d| d[i % LANES]));
+            let limit = guess
+                .and_then(|guess| Ranked::near(&self.distance, sound - 1, guess))
+                .unwrap_or_else(|| Ranked::among(&self.distance, sound - 1));
+            if !self.trust(sound, limit) {
                 break;
             }
+            last = self
+                .distance
+                .as_flattened()
+                .iter()
+                .position(|d| *d == limit.value);
             let sums = self.sums();
             let (curve, trimmed) = sums.curve()?;
             let stated = sums.variance / f64::from(sums.count);
             scale = (TRIMMED * trimmed.residual / f64::from(trimmed.freedom.max(1))).max(stated);
             let k = super::strip::PIXEL_VARIANCE;
             for ((distance, t), value) in self.distance.iter_mut().zip(&self.t).zip(&self.value) {
-                *distance = (value - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
+                for lane in 0..LANES {
+                    let t = t[lane];
+                    distance[lane] =
+                        (value[lane] - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
+                }
             }
+            self.fill_up();
         }
         let limit = OFF * scale.sqrt();
-        let mut kept = 0;
+        let mut kept = [0.0; LANES];
         for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
-            let near = *d <= limit;
-            kept += usize::from(near);
-            *trusted = if near { 1.0 } else { 0.0 };
+            for lane in 0..LANES {
+                trusted[lane] = if d[lane] <= limit { 1.0 } else { 0.0 };
+                kept[lane] += trusted[lane];
+            }
         }
+        let kept = kept.iter().sum::<f64>() as usize;
         (kept >= sound && kept < count).then(|| self.sums())
+    }
+
+    /// Puts the distances of what is no row beyond all others.
+    #[inline(always)]
+    fn fill_up(&mut self) {
+        let rows = self.count % LANES;
+        if rows > 0
+            && let Some(last) = self.distance.last_mut()
+        {
+            last[rows..].fill(f64::INFINITY);
+        }
     }
 
     /// Trusts the `sound` rows nearest to the curve; whether these are others than before.
     #[inline(always)]
-    fn trust<S: Simd>(&mut self, simd: S, sound: usize) -> bool {
-        let limit = nth(simd, &self.distance, sound - 1);
-        let (below, _) = counts(simd, &self.distance, limit);
-        // Among equally distant rows the first ones, so that there are `sound` of them.
-        let mut ties = sound.saturating_sub(below);
+    fn trust(&mut self, sound: usize, limit: Ranked) -> bool {
         let mut changed = false;
-        for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
-            let tied = *d == limit && ties > 0;
+        if limit.below + limit.equal == sound {
+            let mut others = [0.0; LANES];
+            for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
+                for lane in 0..LANES {
+                    let now = if d[lane] <= limit.value { 1.0 } else { 0.0 };
+                    others[lane] += f64::abs(now - trusted[lane]);
+                    trusted[lane] = now;
+                }
+            }
+            return others.iter().sum::<f64>() > 0.0;
+        }
+        // Among equally distant rows the first ones, so that there are `sound` of them.
+        let mut ties = sound.saturating_sub(limit.below);
+        let distances = self.distance.as_flattened();
+        for (trusted, d) in self.trusted.as_flattened_mut().iter_mut().zip(distances) {
+            let tied = *d == limit.value && ties > 0;
             ties -= usize::from(tied);
-            let now = if *d < limit || tied { 1.0 } else { 0.0 };
+            let now = if *d < limit.value || tied { 1.0 } else { 0.0 };
             changed |= *trusted != now;
             *trusted = now;
         }
         changed
     }
 
-    /// The sums over the trusted rows, added in their order: rows of equal values on both sides of the line are equally
-    /// far off but for rounding.
+    /// The sums over the trusted rows.
     #[inline(always)]
     fn sums(&self) -> Sums {
-        let mut sums = Sums::default();
+        // Count, Σ t … t⁴, Σ v, Σ v t, Σ v t², Σ v², Σ variance.
+        let mut sums = [[0.0; LANES]; 10];
         let rows = self.t.iter().zip(&self.value).zip(&self.variance);
-        for (((&t, &value), variance), trusted) in rows.zip(&self.trusted) {
-            if *trusted > 0.0 {
+        for (((t, value), variance), trusted) in rows.zip(&self.trusted) {
+            for lane in 0..LANES {
+                // What is not trusted adds zeros.
+                let used = trusted[lane] > 0.0;
+                let one = if used { 1.0 } else { 0.0 };
+                let t = if used { t[lane] } else { 0.0 };
+                let v = if used { value[lane] } else { 0.0 };
+                let s = if used { variance[lane] } else { 0.0 };
                 let t2 = t * t;
-                sums.count += 1;
-                for (sum, power) in sums.powers.iter_mut().zip([1.0, t, t2, t2 * t, t2 * t2]) {
-                    *sum += power;
+                let terms = [one, t, t2, t2 * t, t2 * t2, v, v * t, v * t2, v * v, s];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    sum[lane] += term;
                 }
-                for (sum, power) in sums.values.iter_mut().zip([1.0, t, t2]) {
-                    *sum += value * power;
-                }
-                sums.square += value * value;
-                sums.variance += variance;
             }
         }
-        sums
+        let [n, p1, p2, p3, p4, v0, v1, v2, square, variance] =
+            sums.map(|lanes| lanes.iter().sum::<f64>());
+        Sums {
+            count: n as u32,
+            powers: [n, p1, p2, p3, p4],
+            values: [v0, v1, v2],
+            square,
+            variance,
+        }
     }
 }
 
-/// The work of [`Rows::without_dust`], with the processor's widest instructions.
+/// The work of [`Rows::without_dust`], for the processor's widest instructions.
 struct WithoutDust<'a>(&'a mut Rows);
 
-impl pulp::WithSimd for WithoutDust<'_> {
+impl pulp::NullaryFnOnce for WithoutDust<'_> {
     type Output = Option<Sums>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Option<Sums> {
-        self.0.trimmed(simd)
+    fn call(self) -> Option<Sums> {
+        self.0.trimmed()
     }
 }
 
-/// How many values are below the pivot, and how many are equal to it.
-#[inline(always)]
-fn counts<S: Simd>(simd: S, values: &[f64], pivot: f64) -> (usize, usize) {
-    let (vectors, rest) = S::as_simd_f64s(values);
-    let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-    let at = simd.splat_f64s(pivot);
-    let (mut below, mut equal) = (zero, zero);
-    for &v in vectors {
-        below = simd.add_f64s(
-            below,
-            simd.select_f64s(simd.less_than_f64s(v, at), one, zero),
-        );
-        equal = simd.add_f64s(equal, simd.select_f64s(simd.equal_f64s(v, at), one, zero));
-    }
-    let count = |of: &dyn Fn(&f64) -> bool| rest.iter().filter(|v| of(v)).count();
-    (
-        simd.reduce_sum_f64s(below) as usize + count(&|v| *v < pivot),
-        simd.reduce_sum_f64s(equal) as usize + count(&|v| *v == pivot),
-    )
+/// A value among others, how many of them are below it, and how many are equal to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ranked {
+    value: f64,
+    below: usize,
+    equal: usize,
 }
 
-/// The value of rank `n` (from 0) by counting: on some dozens of values faster than moving them about.
-#[inline(always)]
-fn nth<S: Simd>(simd: S, values: &[f64], n: usize) -> f64 {
-    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-    for &pivot in values {
-        if !(pivot > low && pivot < high) {
-            continue;
+impl Ranked {
+    #[inline(always)]
+    fn of(values: &[[f64; LANES]], value: f64) -> Self {
+        let (mut below, mut equal) = ([0.0; LANES], [0.0; LANES]);
+        for lanes in values {
+            for lane in 0..LANES {
+                below[lane] += if lanes[lane] < value { 1.0 } else { 0.0 };
+                equal[lane] += if lanes[lane] == value { 1.0 } else { 0.0 };
+            }
         }
-        let (below, equal) = counts(simd, values, pivot);
-        if below > n {
-            high = pivot;
-        } else if below + equal > n {
-            return pivot;
-        } else {
-            low = pivot;
+        Self {
+            value,
+            below: below.iter().sum::<f64>() as usize,
+            equal: equal.iter().sum::<f64>() as usize,
         }
     }
-    // Values that are not finite.
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(n).copied().unwrap_or(f64::NAN)
+
+    /// Whether it has this rank (from 0).
+    fn is(&self, rank: usize) -> bool {
+        self.below <= rank && rank < self.below + self.equal
+    }
+
+    /// The value of a rank by counting: on some dozens of values faster than moving them about.
+    #[inline(always)]
+    fn among(values: &[[f64; LANES]], rank: usize) -> Self {
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for &pivot in values.as_flattened() {
+            if !(pivot > low && pivot < high) {
+                continue;
+            }
+            let found = Self::of(values, pivot);
+            if found.below > rank {
+                high = pivot;
+            } else if found.is(rank) {
+                return found;
+            } else {
+                low = pivot;
+            }
+        }
+        // Values that are not finite.
+        let mut sorted = values.as_flattened().to_vec();
+        sorted.sort_by(f64::total_cmp);
+        Self::of(values, sorted.get(rank).copied().unwrap_or(f64::NAN))
+    }
+
+    /// The same from a value whose rank is at most [`NEAR`] off, neighbour by neighbour; `None` if it is not.
+    #[inline(always)]
+    fn near(values: &[[f64; LANES]], rank: usize, guess: f64) -> Option<Self> {
+        let mut found = Self::of(values, guess);
+        if found.equal == 0 || found.below > rank + NEAR || found.below + found.equal + NEAR < rank
+        {
+            return None;
+        }
+        while !found.is(rank) {
+            let up = found.below < rank;
+            let mut next = [if up { f64::INFINITY } else { f64::NEG_INFINITY }; LANES];
+            for lanes in values {
+                for lane in 0..LANES {
+                    let value = lanes[lane];
+                    let nearer = if up {
+                        value > found.value && value < next[lane]
+                    } else {
+                        value < found.value && value > next[lane]
+                    };
+                    next[lane] = if nearer { value } else { next[lane] };
+                }
+            }
+            let value = if up {
+                next.iter().copied().fold(f64::INFINITY, f64::min)
+            } else {
+                next.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            };
+            found = Self::of(values, value);
+            if found.equal == 0 {
+                return None;
+            }
+        }
+        Some(found)
+    }
 }
 
 #[cfg(test)]
@@ -242,17 +360,27 @@ mod tests {
 
     #[test]
     fn counting_finds_what_sorting_finds() {
-        for length in 1..60 {
+        for length in 1..16 {
             // With repeated values.
-            let values: Vec<f64> = (0..length).map(|i| (i * 7919 % 23) as f64 - 9.0).collect();
-            let mut sorted = values.clone();
+            let value = |i: usize| (i * 7919 % 23) as f64 - 9.0;
+            let values: Vec<[f64; LANES]> = (0..length)
+                .map(|i| std::array::from_fn(|lane| value(LANES * i + lane)))
+                .collect();
+            let mut sorted = values.as_flattened().to_vec();
             sorted.sort_by(f64::total_cmp);
-            for (n, expected) in sorted.iter().enumerate() {
-                assert_eq!(nth(pulp::Scalar, &values, n), *expected);
+            for (rank, expected) in sorted.iter().enumerate() {
+                let found = Ranked::among(&values, rank);
+                assert!(found.value == *expected && found.is(rank));
+                for guess in values.as_flattened() {
+                    let near = Ranked::near(&values, rank, *guess);
+                    let off = rank.abs_diff(Ranked::of(&values, *guess).below);
+                    assert!(near == Some(found) || near.is_none() && off > NEAR);
+                }
+                assert_eq!(Ranked::near(&values, rank, 0.5), None);
             }
         }
-        let endless = [f64::INFINITY, 1.0, f64::INFINITY];
-        assert_eq!(nth(pulp::Scalar, &endless, 1), f64::INFINITY);
+        let endless = [[f64::INFINITY, 1.0, f64::INFINITY, 2.0]];
+        assert_eq!(Ranked::among(&endless, 2).value, f64::INFINITY);
     }
 
     #[test]

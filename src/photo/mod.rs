@@ -10,10 +10,12 @@ mod orientation;
 mod part;
 mod png;
 pub(crate) mod raw;
+pub(crate) mod rle_lines;
 mod shot;
 #[cfg(test)]
 mod tests;
 mod tiff;
+mod zip_block;
 
 use std::io::{BufReader, Read, Seek};
 use std::ops::Range;

@@ -1,5 +1,6 @@
 //! Whether a recovery explains what was measured: residuals, and the verdict on the result.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::causes::{Causes, causes};
@@ -80,6 +81,7 @@ pub struct FitQuality {
 /// Compares samples with a prediction, \[channel\]\[column\]\[n\].
 pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality> {
     (0..samples.channels.len())
+        .into_par_iter()
         .map(|c| {
             let (mut squares, mut noise, mut chi2, mut power) = (0.0, 0.0, 0.0, 0.0);
             let (mut largest, mut count) = (0.0f64, 0usize);

@@ -120,11 +120,11 @@ pub fn measure(
     let mut usable = Usable::all(&whole);
     let (capture, read, reach) = loop {
         let part = usable.of(&whole);
-        let reach = match options.rows {
-            Some(rows) => rows as f64 / 2.0,
+        let (reach, pilots) = match options.rows {
+            Some(rows) => (rows as f64 / 2.0, Vec::new()),
             None => choose_reach(&part, &camera, options.locals)?,
         };
-        let (read, looks): (Vec<_>, Vec<_>) = read_views(&part, &camera, reach, progress)
+        let (read, looks): (Vec<_>, Vec<_>) = read_views(&part, &camera, reach, pilots, progress)
             .into_iter()
             .map(|view| match view {
                 Ok((view, look)) => (Some(view), Ok(look)),
@@ -413,14 +413,22 @@ fn read_views(
     capture: &Capture,
     camera: &CameraModel,
     reach: f64,
+    pilots: Vec<Pilot>,
     progress: &dyn Progress,
 ) -> Vec<Result<(ReadView, Look)>> {
     progress.stage("photos", capture.views.len());
     let shown = spread(capture.views.len(), PREVIEWS);
-    (0..capture.views.len())
+    let mut known: Vec<Option<Pilot>> = Vec::new();
+    known.resize_with(capture.views.len(), || None);
+    for pilot in pilots {
+        let view = pilot.view;
+        known[view] = Some(pilot);
+    }
+    known
         .into_par_iter()
-        .map(|k| {
-            let view = read_view(capture, camera, k, reach, shown.contains(&k));
+        .enumerate()
+        .map(|(k, pilot)| {
+            let view = read_view(capture, camera, k, reach, pilot, shown.contains(&k));
             progress.step();
             view.map_err(|e| e.file(first_file(capture, k)))
         })
@@ -432,20 +440,33 @@ fn read_view(
     camera: &CameraModel,
     view: usize,
     reach: f64,
+    pilot: Option<Pilot>,
     shown: bool,
 ) -> Result<(ReadView, Look)> {
     let roll = capture.views[view].plane_roll;
     let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
     let rows = rows_needed(capture, &nominal, reach);
+    // Of other rows the outline may be another.
+    let (known, line) = match pilot.filter(|pilot| pilot.photographed.radiance.rows == rows) {
+        Some(mut pilot) => {
+            let at = pilot.lines.iter().position(|(r, _)| *r == reach);
+            let line = at.map(|at| pilot.lines.swap_remove(at).1);
+            (pilot.photographed, line)
+        }
+        None => (photographed(capture, camera, view, rows)?, None),
+    };
     let Photographed {
         radiance,
         outline,
         exposures,
         storage,
         census,
-    } = photographed(capture, camera, view, rows)?;
+    } = known;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
-    let line = MeasuredLine::read(&radiance, &geometry, reach)?;
+    let line = match line {
+        Some(line) => line,
+        None => MeasuredLine::read(&radiance, &geometry, reach)?,
+    };
     let look = Look {
         channels: radiance.channels.clone(),
         storage,
@@ -505,9 +526,21 @@ fn read_slants(
         .collect()
 }
 
-/// The largest distance from the cross-section over which averaging changes nothing but the noise:
+/// A view that decided how many rows are averaged.
+struct Pilot {
+    view: usize,
+    photographed: Photographed,
+    /// Its line by the distance that was averaged.
+    lines: Vec<(f64, MeasuredLine)>,
+}
+
+/// The largest distance from the cross-section over which averaging changes nothing but the noise, and the views that say so:
 /// Lepski's rule, the estimate with more rows must agree with all those with fewer.
-fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Result<f64> {
+fn choose_reach(
+    capture: &Capture,
+    camera: &CameraModel,
+    locals: usize,
+) -> Result<(f64, Vec<Pilot>)> {
     let limit = reach_limit(capture, camera, locals);
     let candidates: Vec<f64> = REACHES
         .into_iter()
@@ -519,7 +552,7 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
     // By name: neither the order in which a capture lists its views matters, nor where its angles start.
     let mut named: Vec<usize> = (0..capture.views.len()).collect();
     named.sort_by_cached_key(|&view| first_file(capture, view));
-    let chosen: Vec<Option<f64>> = spread(named.len(), PILOTS)
+    let chosen: Vec<Option<(f64, Pilot)>> = spread(named.len(), PILOTS)
         .into_par_iter()
         .map(|place| {
             let view = named[place];
@@ -551,11 +584,18 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
                 }
                 narrower.push(line);
             }
-            Ok(Some(candidates[narrower.len().max(1) - 1]))
+            let reach = candidates[narrower.len().max(1) - 1];
+            let pilot = Pilot {
+                view,
+                photographed: pilot,
+                lines: candidates.iter().copied().zip(narrower).collect(),
+            };
+            Ok(Some((reach, pilot)))
         })
         .collect::<Result<_>>()?;
-    let least = chosen.into_iter().flatten().fold(f64::INFINITY, f64::min);
-    Ok(least.min(widest))
+    let (reaches, pilots): (Vec<f64>, Vec<Pilot>) = chosen.into_iter().flatten().unzip();
+    let least = reaches.into_iter().fold(widest, f64::min);
+    Ok((least, pilots))
 }
 
 /// Whether `wider` differs from `narrower` by no more than the latter's noise and [`ROWS_BIAS`].
