@@ -179,7 +179,7 @@ impl Task<'_> {
                 let predicted = lighting::predict(&estimate, &material, samples);
                 Ok(mean_unexplained(&fit::quality(samples, &predicted)))
             };
-            recovered.cause = trial::better(samples, &lamps, left, true, &again);
+            recovered.cause = trial::better(samples, &lamps, left, &again);
             clock.lap("cause");
         }
         recovered.advice = advice::on_lighting(self.capture, self.measured, &material, &estimate);
@@ -221,13 +221,18 @@ impl Task<'_> {
             // All channels were photographed alike, and a BRDF takes its time.
             let first = trial::one_channel(samples, 0);
             let light = trial::light_of_channel(&light, 0);
+            let options = brdf::Options {
+                size: trial::SIZE,
+                intervals: Some(trial::INTERVALS),
+                ..options
+            };
             let again = |samples: &Samples| {
                 let estimate = brdf::recover_with(samples, &[], &light, &options)?;
                 let slice = material::as_material(&estimate)?;
                 let predicted = fit::predict(&light, &slice, samples)?;
                 Ok(mean_unexplained(&fit::quality(samples, &predicted)))
             };
-            recovered.cause = trial::better(&first, &lamps, left, false, &again);
+            recovered.cause = trial::better(&first, &lamps, left, &again);
             clock.lap("cause");
         }
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);

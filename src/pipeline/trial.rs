@@ -12,6 +12,10 @@ const EXPONENTS: [f64; 6] = [2.2, 1.0 / 2.2, 1.5, 0.67, 1.25, 0.8];
 const SHOULDERS: [f64; 2] = [0.2, 0.4];
 /// Distances of lamps in radii of the object.
 const DISTANCES: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
+/// Cells a side and knot intervals of the slices that are recovered for it: as fine as lobes of a few degrees need, and soon done.
+pub const SIZE: usize = 60;
+/// As [`SIZE`].
+pub const INTERVALS: usize = 24;
 /// Part of the residual that may be left for a cause to be named.
 pub const EXPLAINED: f64 = 0.5;
 
@@ -19,12 +23,11 @@ pub const EXPLAINED: f64 = 0.5;
 pub type Lamp = (f64, f64);
 
 /// What would explain more of the photographs than the recovery did, in words, if anything does. `unexplained` gives the share
-/// that a recovery from samples leaves; it left `as_they_are` of those as they are. `thorough` tries more values.
+/// that a recovery from samples leaves; it left `as_they_are` of those as they are.
 pub fn better(
     samples: &Samples,
     lamps: &[Lamp],
     as_they_are: f64,
-    thorough: bool,
     unexplained: &dyn Fn(&Samples) -> Result<f64>,
 ) -> Option<String> {
     let mut best: Option<(f64, String)> = None;
@@ -36,8 +39,7 @@ pub fn better(
             best = Some((left, note));
         }
     };
-    let few = |all: usize| if thorough { all } else { 2 };
-    for exponent in &EXPONENTS[..few(EXPONENTS.len())] {
+    for exponent in &EXPONENTS {
         consider(
             unexplained(&bent(samples, |share| share.powf(*exponent))),
             format!(
@@ -45,7 +47,7 @@ pub fn better(
             ),
         );
     }
-    for shoulder in &SHOULDERS[..if thorough { SHOULDERS.len() } else { 0 }] {
+    for shoulder in &SHOULDERS {
         consider(
             unexplained(&bent(samples, |share| {
                 share * (1.0 - shoulder) / (1.0 - shoulder * share)
@@ -56,8 +58,7 @@ pub fn better(
             ),
         );
     }
-    let skipped = if thorough { 0 } else { 1 };
-    for distance in DISTANCES.iter().skip(skipped).take(few(DISTANCES.len())) {
+    for distance in &DISTANCES {
         if lamps.is_empty() {
             break;
         }
@@ -206,7 +207,7 @@ mod tests {
         let test = left(lamp);
         for (curve, expected) in [(1.0 / 2.2, "power 2.20"), (1.5, "power 0.67")] {
             let samples = lit(&[lamp], None, curve);
-            let found = better(&samples, &[lamp], test(&samples).unwrap(), true, &test);
+            let found = better(&samples, &[lamp], test(&samples).unwrap(), &test);
             assert!(
                 found.as_ref().is_some_and(|f| f.contains(expected)),
                 "{found:?}"
@@ -214,7 +215,7 @@ mod tests {
         }
         for distance in [5.0, 10.0, 20.0] {
             let samples = lit(&[lamp], Some(distance), 1.0);
-            let found = better(&samples, &[lamp], test(&samples).unwrap(), true, &test);
+            let found = better(&samples, &[lamp], test(&samples).unwrap(), &test);
             let expected = format!("about {distance:.0} radii");
             assert!(
                 found.as_ref().is_some_and(|f| f.contains(&expected)),
@@ -224,7 +225,7 @@ mod tests {
         // A second lamp that is not known is neither.
         let samples = lit(&[lamp, (2.0, 0.5)], None, 1.0);
         assert_eq!(
-            better(&samples, &[lamp], test(&samples).unwrap(), true, &test),
+            better(&samples, &[lamp], test(&samples).unwrap(), &test),
             None
         );
     }
