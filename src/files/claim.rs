@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::make_folder;
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 
 /// A folder that no other process of this program may write to meanwhile.
 #[derive(Debug)]
@@ -33,9 +33,12 @@ pub fn claim(path: &Path) -> Result<Claim> {
         .collect();
     // From here on what was made is removed again if it stays empty.
     let mut claim = Claim { made, lock: None };
-    make_folder(path).map_err(|e| {
+    make_folder(path).map_err(|e| match e.kind() {
+        Kind::Input => e,
         // Before any work, a place that cannot be written to is a wrong request.
-        Error::input(e.to_string()).advice("Give a folder that you may write to with --out.")
+        Kind::Failed => {
+            Error::input(e.to_string()).advice("Give a folder that you may write to with --out.")
+        }
     })?;
     match lock(path, fs::File::try_lock) {
         Ok(lock) => claim.lock = lock,
