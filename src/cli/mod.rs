@@ -4,7 +4,6 @@ mod batch;
 mod check;
 mod compare;
 mod export;
-mod file;
 mod init;
 mod paper;
 mod prefilter;
@@ -225,7 +224,7 @@ pub fn main() -> ExitCode {
             validate::validate(recipe, out, *full, &arguments.common)
         }
     });
-    match result {
+    match result.and_then(|()| say::printed()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             say::error(arguments.common.log, &error);

@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use super::Lighting;
 use crate::error::{Error, Result};
 use crate::files;
+use crate::light_field::sort_attributes;
 use crate::photo::{self, ExrPart, Format, rle_lines};
 
 /// A lat-long map of radiance, W m⁻² sr⁻¹.
@@ -293,7 +294,9 @@ pub(crate) fn write_planes(
         .write()
         .to_buffered(&mut bytes)
         .map_err(|e| Error::write(file, e))?;
-    files::write_whole(file, bytes.get_ref())
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    files::write_whole(file, &bytes)
 }
 
 fn layer(

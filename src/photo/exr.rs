@@ -1,6 +1,7 @@
 //! OpenEXR: half, float and integer channels, scan lines and tiles, several parts, any channel
 //! names, data window apart from the display window. Only blocks that hold wanted rows are read.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
 use exr::block::chunk::{Chunk, CompressedBlock};
@@ -13,7 +14,7 @@ use exr::meta::header::Header;
 
 use super::shot::sensible;
 use super::zip_block::{Apart, half};
-use super::{Format, Info, Opened, Photo, Planes, Shot, Storage, plausible, wanted};
+use super::{Format, Info, Opened, Photo, Planes, Shot, Storage, believable, plausible, wanted};
 use crate::error::{Error, Result};
 use crate::files::Input;
 
@@ -28,8 +29,10 @@ struct Source {
 type Blocks = Reader<std::io::BufReader<Input>>;
 
 pub(super) fn info(opened: Opened) -> Result<Info> {
+    let bytes = opened.bytes;
     let blocks = open(opened)?;
     let (size, sources) = layout(blocks.headers())?;
+    stored(blocks.headers(), size, bytes)?;
     let shot = blocks.headers().first().map(shot).unwrap_or_default();
     Ok(Info {
         format: Format::Exr,
@@ -44,18 +47,11 @@ pub(super) fn read(opened: Opened, rows: Option<Range<u32>>) -> Result<Photo> {
     let bytes = opened.bytes;
     let blocks = open(opened)?;
     let (size, sources) = layout(blocks.headers())?;
+    stored(blocks.headers(), size, bytes)?;
     let rows = wanted(rows, size)?;
     let width = size[0] as usize;
     let pixels = width as u64 * u64::from(rows.end - rows.start);
     plausible(pixels.saturating_mul(4 * sources.len() as u64), bytes)?;
-    for header in blocks.headers() {
-        let block = header.max_block_pixel_size();
-        let block = (block.0 as u64).saturating_mul(block.1 as u64);
-        plausible(
-            block.saturating_mul(header.channels.bytes_per_pixel as u64),
-            bytes,
-        )?;
-    }
 
     let windows: Vec<Window> = blocks.headers().iter().map(Window::of).collect();
     let kinds: Vec<Vec<SampleType>> = blocks
@@ -90,9 +86,22 @@ pub(super) fn read(opened: Opened, rows: Option<Range<u32>>) -> Result<Photo> {
         })
         .map_err(damaged)?;
     let meta = chunks.meta_data().clone();
+    let mut found = HashSet::new();
     for chunk in chunks {
         let block = Block::of(chunk.map_err(damaged)?, &meta)?;
         let part = block.index.layer;
+        let [left, top] = [block.index.pixel_position.0, block.index.pixel_position.1];
+        let in_rows = windows.get(part).is_some_and(|window| {
+            let top = top as i64 + window.top;
+            top < i64::from(rows.end)
+                && top + block.index.pixel_size.1 as i64 > i64::from(rows.start)
+        });
+        // As many other blocks as are wanted leave no pixel of them out.
+        if !in_rows || !found.insert((part, left, top)) {
+            return Err(Error::input(
+                "the EXR is damaged: its table leads to other blocks than it says",
+            ));
+        }
         if let (Some(window), Some(kinds)) = (windows.get(part), kinds.get(part)) {
             let place = Place {
                 window,
@@ -129,6 +138,33 @@ fn damaged(cause: exr::error::Error) -> Error {
         }
         other => Error::input(format!("the EXR is damaged: {other}")),
     }
+}
+
+/// Pixels of a picture of which few are stored: those of the largest sensors, and as many again.
+const LARGEST_FRAME: u64 = 1 << 28;
+/// Bytes of a block beside its pixels, at least: its place in the table of blocks, its position and its length.
+const BESIDE_BLOCK: u64 = 16;
+
+/// Refuses sizes that the file's bytes cannot hold, by the headers alone, whichever rows are wanted.
+fn stored(headers: &[Header], size: [u32; 2], bytes: u64) -> Result<()> {
+    let area = |width: usize, height: usize| (width as u64).saturating_mul(height as u64);
+    for header in headers {
+        let [whole, block] = [header.layer_size, header.max_block_pixel_size()]
+            .map(|size| area(size.0, size.1))
+            .map(|pixels| pixels.saturating_mul(header.channels.bytes_per_pixel as u64));
+        plausible(whole, bytes)?;
+        plausible(block, bytes)?;
+        let beside = (header.chunk_count as u64).saturating_mul(BESIDE_BLOCK);
+        if beside > bytes {
+            return Err(Error::input(format!(
+                "the file declares {} x {} pixels in {} blocks, more than its {bytes} bytes can hold",
+                header.layer_size.0, header.layer_size.1, header.chunk_count
+            )));
+        }
+    }
+    // Pixels of the picture that lie outside of what is stored cost the file nothing.
+    let frame = u64::from(size[0]) * u64::from(size[1]);
+    believable(size, if frame > LARGEST_FRAME { 32 } else { 0 }, bytes)
 }
 
 /// Offset of a part's data window from the display window's corner, pixels.

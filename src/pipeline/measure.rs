@@ -50,6 +50,13 @@ const ONE_SIDED_ERROR_PX: f64 = 1.0;
 const TWO_SIDED: f64 = 0.5;
 /// Change of an exposure time by the brackets (log) from which it is told.
 const TIME_CHANGE: f64 = 0.01;
+/// The object's distance from the orbit's centre, in parts of its radius, beyond which a warning is given: a turntable is centred to a
+/// few tenths of a percent with care, and what is found is taken into account.
+const OFF_CENTRE: f64 = 0.02;
+/// Part by which the object looks larger or smaller than described, and σ of what is found beyond it, from which a warning is given: lengths
+/// are measured to half a percent.
+const SIZE_CHANGE: f64 = 0.005;
+const SIZE_SIGMAS: f64 = 4.0;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
 const PREVIEWS: usize = 4;
@@ -297,7 +304,7 @@ fn steady(views: &mut [Vec<Vec<Option<ViewSample>>>], jitter: &Jitter) {
 }
 
 /// `count` indices spread evenly over 0 … n−1.
-fn spread(n: usize, count: usize) -> Vec<usize> {
+pub(super) fn spread(n: usize, count: usize) -> Vec<usize> {
     let mut all: Vec<usize> = (0..count.min(n)).map(|k| k * n / count.min(n)).collect();
     all.dedup();
     all
@@ -315,7 +322,7 @@ fn photo_file(capture: &Capture, view: usize, photo: usize) -> String {
 }
 
 /// Rows of the image that hold the outline's search band and the measured line.
-fn rows_needed(capture: &Capture, geometry: &ViewGeometry, reach: f64) -> Range<u32> {
+pub(super) fn rows_needed(capture: &Capture, geometry: &ViewGeometry, reach: f64) -> Range<u32> {
     let height = f64::from(capture.camera.image_size[1]);
     let ends = Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel[1]));
     let (Some(left), Some(right)) = (ends[0], ends[1]) else {
@@ -347,15 +354,15 @@ fn find_outline(
 }
 
 /// Some rows of a view, as far as its masks let them be used, and the outline in them.
-struct Photographed {
-    radiance: Radiance,
-    outline: Outline,
+pub(super) struct Photographed {
+    pub(super) radiance: Radiance,
+    pub(super) outline: Outline,
     exposures: Vec<radiance::Found>,
     storage: Storage,
     census: radiance::Census,
 }
 
-fn photographed(
+pub(super) fn photographed(
     capture: &Capture,
     camera: &CameraModel,
     view: usize,
@@ -809,7 +816,7 @@ fn warnings(
         .iter()
         .map(|p| p.offset[1].abs() / radius)
         .fold(0.0, f64::max);
-    if shift > 0.02 {
+    if shift > OFF_CENTRE {
         warnings.push(format!(
             "The object's centre is up to {:.1} % of its radius off the orbit's centre; the found outline was used.",
             100.0 * shift
@@ -820,7 +827,7 @@ fn warnings(
         .iter()
         .map(|p| p.sigma_radius_scale)
         .fold(f64::INFINITY, f64::min);
-    if scale.abs() > 0.005 + 4.0 * sigma {
+    if scale.abs() > SIZE_CHANGE + SIZE_SIGMAS * sigma {
         warnings.push(format!(
             "The object looks {:.1} % {} than radius, distance and focal length say; the found outline was used. Check these three.",
             100.0 * scale.abs(),

@@ -95,6 +95,7 @@ use serde::{Deserialize, Serialize};
 
 use channel::recover_channel;
 use columns::Spectrum;
+pub use warnings::MISFIT;
 use warnings::warnings;
 
 use crate::angle::{LocalAngle, WorldAngle};
