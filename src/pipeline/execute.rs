@@ -14,7 +14,7 @@ use super::fit;
 use super::joint;
 use super::lean;
 use super::material;
-use super::measure::{Measured, measure};
+use super::measure::{Measured, at_angles, take};
 use super::orbit::{OrbitRefinement, refine_orbit, turn};
 use super::progress::Progress;
 use super::recipe::{Recipe, Recover};
@@ -42,11 +42,13 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     if capture.views.len() < 2 && recipe.recover != Recover::None {
         return Err(one_view());
     }
-    let mut measured = measure(capture, &recipe.light_field, footprint, progress)?;
+    let taken = take(capture, &recipe.light_field, progress)?;
+    let (whole, capture) = (capture, &taken.capture);
+    let light_field =
+        |turned: &Capture| at_angles(&taken, turned, &recipe.light_field, footprint, progress);
+    let mut measured = light_field(capture)?;
     clock.lap("photos to light field");
-    let (whole, used) = (capture, measured.capture.clone());
-    let capture = &used;
-    let orbit = refine_orbit(&mut measured, recipe, capture)?;
+    let orbit = refine_orbit(&mut measured, recipe, capture, &light_field)?;
     if orbit.is_some() {
         clock.lap("orbit angles");
     }

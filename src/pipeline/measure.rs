@@ -70,6 +70,8 @@ pub struct Measured {
     pub samples: Samples,
     /// Errors of the geometry that all samples have in common.
     pub systematics: Vec<Systematic>,
+    /// Displacement of the object from the orbit's centre, metres, in the frame of the orbit angles.
+    pub displacement: [f64; 2],
     /// By how much, relative, all light may be wrong because the object leans.
     pub scale_sigma: f64,
     /// Number of pixels behind each sample, \[column\]\[n\].
@@ -100,18 +102,28 @@ struct ReadView {
     scenery: Scenery,
 }
 
-/// Measures the light field of a capture. Where the recipe leaves the limb cut open, samples are used up to where a pixel covers
-/// `footprint` degrees of θo′.
+/// What the photos of a capture show, whatever the orbit angles are.
+pub struct Taken {
+    /// The capture with the views that are used.
+    pub capture: Capture,
+    camera: CameraModel,
+    usable: Usable,
+    response: Option<radiance::Recovery>,
+    read: Vec<ReadView>,
+    reach: f64,
+    unseen: bool,
+}
+
+/// Reads the photos of a capture.
 ///
 /// # Errors
 /// If the object is not in the picture by the description, or too many photos cannot be read, do not show the measured line,
 /// differ in channels or storage, or cannot be of one object; a few such are left out with a warning.
-pub fn measure(
+pub fn take(
     capture: &Capture,
     options: &LightFieldOptions,
-    footprint: f64,
     progress: &dyn Progress,
-) -> Result<Measured> {
+) -> Result<Taken> {
     let (whole, response) = radiance::resolved(capture).map_err(|e| e.file("capture.toml"))?;
     if let Some(fault) = framing(&whole).1 {
         return Err(fault);
@@ -138,24 +150,72 @@ pub fn measure(
             break (part, read, reach);
         }
     };
-    let capture = &capture;
-    let channels = read[0].channels.clone();
-
-    progress.stage("light field", capture.views.len());
-    let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
-    let unseen = outlines.iter().all(|o| o.sides() == [false, false]);
+    let unseen = read
+        .iter()
+        .all(|view| view.outline.sides() == [false, false]);
     if unseen && !read.iter().any(|v| v.scenery.structured) {
         return Err(no_object(
             "the photos show an even area or noise and nothing else",
         ));
     }
+    Ok(Taken {
+        capture,
+        camera,
+        usable,
+        response,
+        read,
+        reach,
+        unseen,
+    })
+}
+
+/// Measures the light field of a capture. Where the recipe leaves the limb cut open, samples are used up to where a pixel covers
+/// `footprint` degrees of θo′.
+///
+/// # Errors
+/// As [`take`] and [`at_angles`].
+pub fn measure(
+    capture: &Capture,
+    options: &LightFieldOptions,
+    footprint: f64,
+    progress: &dyn Progress,
+) -> Result<Measured> {
+    let taken = take(capture, options, progress)?;
+    at_angles(&taken, &taken.capture, options, footprint, progress)
+}
+
+/// The light field that photos show with their views at the orbit angles of `turned`: the capture's, or others.
+///
+/// # Errors
+/// If the poses of the views cannot be settled, or photos cannot be read again.
+pub fn at_angles(
+    taken: &Taken,
+    turned: &Capture,
+    options: &LightFieldOptions,
+    footprint: f64,
+    progress: &dyn Progress,
+) -> Result<Measured> {
+    let Taken {
+        camera,
+        usable,
+        response,
+        read,
+        reach,
+        unseen,
+        ..
+    } = taken;
+    let (capture, reach, unseen) = (turned, *reach, *unseen);
+    let channels = read[0].channels.clone();
+
+    progress.stage("light field", capture.views.len());
+    let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
     let settled = settle(&outlines, capture)?;
     let poses = &settled.poses;
     let limb_cut = match options.limb_cut_deg {
         Some(degrees) => degrees.to_radians(),
         None => {
             let roll = capture.views[0].plane_roll;
-            let nominal = ViewGeometry::new(&camera, &capture.object, Pose::nominal(), roll);
+            let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
             automatic_limb_cut(&nominal, footprint)
         }
     };
@@ -167,10 +227,10 @@ pub fn measure(
     let geometries: Vec<ViewGeometry> = poses
         .iter()
         .zip(&capture.views)
-        .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
+        .map(|(pose, view)| ViewGeometry::new(camera, &capture.object, *pose, view.plane_roll))
         .collect();
     let slants = match capture.object.shape {
-        Shape::Cylinder if lean::shows(&settled) => read_slants(capture, &camera, reach, &read)?,
+        Shape::Cylinder if lean::shows(&settled) => read_slants(capture, camera, reach, read)?,
         _ => Vec::new(),
     };
     let leaning: Vec<LeaningView<'_>> = read
@@ -247,7 +307,7 @@ pub fn measure(
     }
     let records = (0..read.len())
         .map(|k| ViewRecord {
-            orbit_deg: capture.views[k].orbit.deg(),
+            orbit_deg: taken.capture.views[k].orbit.deg(),
             file: first_file(capture, k),
             centre_px: centre(&geometries[k]),
             centre_sigma_px: poses[k].sigma_lateral * px_per_metre(&geometries[k]),
@@ -259,7 +319,7 @@ pub fn measure(
     let number = |view: usize| usable.number(view);
     let beside = read.iter().filter(|v| v.scenery.beside).count();
     Ok(Measured {
-        capture: capture.clone(),
+        capture: taken.capture.clone(),
         doubt: if 2 * beside > read.len() {
             Some(beside_object(beside, read.len()))
         } else if unseen {
@@ -272,7 +332,7 @@ pub fn measure(
         warnings: [
             usable.notes.clone(),
             response.iter().map(response_note).collect(),
-            exposure_warnings(capture, &read, &number),
+            exposure_warnings(capture, read, &number),
             jitter
                 .iter()
                 .map(|j| jitter_note(capture, j, &number))
@@ -282,13 +342,14 @@ pub fn measure(
         .concat(),
         samples,
         systematics,
+        displacement: settled.displacement,
         scale_sigma: lean.as_ref().map_or(0.0, Lean::scale_sigma),
         pixels,
         field,
         limb_cut,
         reach,
         views: records,
-        previews: read.into_iter().filter_map(|v| v.preview).collect(),
+        previews: read.iter().filter_map(|v| v.preview.clone()).collect(),
     })
 }
 

@@ -30,7 +30,7 @@ pub use crate::files::Claim;
 pub use execute::{execute, input_hashes};
 pub use fit::FitQuality;
 pub use joint::ChannelGauge;
-pub use measure::{Measured, measure};
+pub use measure::{Measured, Taken, at_angles, measure, take};
 pub use orbit::OrbitRefinement;
 pub use products::{Folder, Found, Product, products};
 pub use progress::{Progress, Silent};
