@@ -120,6 +120,13 @@ impl Relief {
             .collect()
     }
 
+    /// The cell in which (a, b) is, and that across the diagonal.
+    fn cells(&self, a: f64, b: f64) -> [usize; 2] {
+        let (i, j) = (self.basis.interval(a), self.basis.interval(b));
+        let len = self.basis.intervals();
+        [i * len + j, j * len + i]
+    }
+
     /// Bilinear between the middles of the cells.
     fn at(&self, a: f64, b: f64) -> f64 {
         let len = self.basis.intervals();
@@ -172,7 +179,6 @@ impl Rows {
             .flat_map(|i| [0.5 - offset, 0.5 + offset].map(|part| basis.cell(i, part)))
             .map(|angle| (angle, [0, 1, 2, 3].map(|k| basis.derivative(angle, k))))
             .collect();
-        let per_cell = |angle: f64| relief.basis.interval(angle);
         let of_cells: Vec<Self> = (0..basis.intervals())
             .into_par_iter()
             .map(|i| {
@@ -185,7 +191,6 @@ impl Rows {
                         for (b, at_b) in &jets[2 * j..2 * j + 2] {
                             let scale = share / relief.at(*a, *b).sqrt();
                             let third = scale / 8f64.sqrt();
-                            let value = patch.sum(&[(at_a[0], at_b[0], scale)]);
                             let mixed = |sign: f64| {
                                 patch.sum(&[
                                     (at_a[3], at_b[0], third),
@@ -195,19 +200,17 @@ impl Rows {
                                 ])
                             };
                             let (across, along) = (mixed(1.0), mixed(-1.0));
-                            for ((v, u), w) in value.iter().zip(across).zip(along) {
-                                rows.entries.push((v.0, [v.1, u.1, w.1]));
+                            for (u, w) in across.into_iter().zip(along) {
+                                rows.entries.push((u.0, [0.0, u.1, w.1]));
                             }
-                            let (m, n) = (per_cell(*a), per_cell(*b));
-                            let len = relief.basis.intervals();
-                            rows.finish([m * len + n, n * len + m]);
+                            rows.finish(relief.cells(*a, *b));
                         }
                     }
                 }
                 rows
             })
             .collect();
-        let mut all = Self::empty();
+        let mut all = Self::of_size(space, relief);
         for rows in of_cells {
             let from = all.entries.len();
             all.starts.extend(rows.starts[1..].iter().map(|s| s + from));
@@ -215,6 +218,24 @@ impl Rows {
             all.cells.extend(rows.cells);
         }
         all
+    }
+
+    /// Of ∫ρ̃² as the sum of the squares of the coefficients.
+    fn of_size(space: &Space, relief: &Relief) -> Self {
+        let basis = space.basis();
+        let mut rows = Self::empty();
+        for m in 0..basis.len() {
+            for n in 0..=m {
+                let (a, b) = (basis.centre(m), basis.centre(n));
+                let share = basis.spacing() * if m == n { 1.0 } else { 2f64.sqrt() };
+                let scale = share / relief.at(a, b).sqrt();
+                space.each(m, n, |unknown, factor| {
+                    rows.entries.push((unknown, [scale * factor, 0.0, 0.0]));
+                });
+                rows.finish(relief.cells(a, b));
+            }
+        }
+        rows
     }
 
     fn empty() -> Self {
@@ -388,6 +409,7 @@ pub fn white(space: &Space, amplitude: f64) -> Precision {
 const ABREAST: usize = 8;
 
 /// The prior's precision P as a sparse matrix: some hundred numbers in each row.
+#[derive(Clone)]
 pub struct Precision {
     rows: Vec<Vec<(usize, f64)>>,
 }
@@ -401,6 +423,15 @@ impl Precision {
                 out[(j, i)] += v;
             }
         }
+    }
+
+    /// P times a factor.
+    #[must_use]
+    pub fn times_factor(mut self, factor: f64) -> Self {
+        for (_, v) in self.rows.iter_mut().flatten() {
+            *v *= factor;
+        }
+        self
     }
 
     /// P x.
