@@ -121,8 +121,14 @@ impl Basis {
         k.saturating_sub(DEGREE).min(self.intervals) as f64 * self.spacing() - FRAC_PI_2
     }
 
-    /// The functions at `angle`; none outside ±π/2 (Cox–de Boor recurrence).
+    /// The functions at `angle`; none outside ±π/2.
     pub fn at(&self, angle: f64) -> Local {
+        self.derivative(angle, 0)
+    }
+
+    /// Derivatives of `order` 0 to 3 of the functions at `angle`, per rad^order; none outside ±π/2 (recurrence of Cox and de Boor; de Boor,
+    /// A Practical Guide to Splines, 1978, ch. X).
+    pub fn derivative(&self, angle: f64, order: usize) -> Local {
         let mut values = [0.0; DEGREE + 1];
         if angle.is_nan() || angle.abs() > FRAC_PI_2 {
             return Local {
@@ -140,13 +146,19 @@ impl Basis {
         let mut b = [0.0; DEGREE + 1];
         b[0] = 1.0;
         for degree in 1..=DEGREE {
+            // The last steps differentiate: per rad instead of times a distance.
+            let differentiated = degree + order > DEGREE;
             let mut carry = 0.0;
             for (r, value) in b.iter_mut().enumerate().take(degree) {
                 let right = knot(r as isize + 1);
                 let left = knot(r as isize + 1 - degree as isize);
                 let term = *value / (right - left);
-                *value = carry + (right - x) * term;
-                carry = (x - left) * term;
+                let (falling, rising) = match differentiated {
+                    false => ((right - x) * term, (x - left) * term),
+                    true => (-(degree as f64) / h * term, degree as f64 / h * term),
+                };
+                *value = carry + falling;
+                carry = rising;
             }
             b[degree] = carry;
         }
@@ -297,6 +309,38 @@ mod tests {
         }
         assert_eq!(basis.at(1.58).iter().count(), 0);
         assert_eq!(basis.at(f64::NAN).iter().count(), 0);
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_values() {
+        let basis = Basis::new(13);
+        let step = 1e-3;
+        for k in 0..60 {
+            // Well within an interval, so that the difference does not cross a knot.
+            let angle = basis.cell(k % 13, 0.2 + 0.6 * (k / 13) as f64 / 4.0);
+            for order in 1..=3 {
+                let dense = |x: f64, order: usize| {
+                    let mut out = vec![0.0; basis.len()];
+                    for (m, v) in basis.derivative(x, order).iter() {
+                        out[m] += v;
+                    }
+                    out
+                };
+                let [low, high] = [-step, step].map(|d| dense(angle + d, order - 1));
+                for (m, v) in dense(angle, order).into_iter().enumerate() {
+                    let expected = (high[m] - low[m]) / (2.0 * step);
+                    // step²/6 times two derivatives more, each at most 2 · 5/h of the function before: a difference of two
+                    // splines, and the knots at the ends are no closer than an interval.
+                    let each = 2.0 * DEGREE as f64 / basis.spacing();
+                    let size = each.powi(order as i32);
+                    let error = (each * step).powi(2) / 6.0;
+                    assert!(
+                        (v - expected).abs() < size * error,
+                        "{angle} {order} {m}: {v} {expected}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

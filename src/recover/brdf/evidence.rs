@@ -72,8 +72,8 @@ struct Level {
     equations: Equations,
     count: f64,
     penalties: Penalties,
-    /// Number of coefficients of the full square.
-    places: usize,
+    /// Number of cells of the relief.
+    cells: usize,
     white: Mat<f64>,
 }
 
@@ -122,11 +122,14 @@ impl Level {
         sum
     }
 
-    /// Mean of the penalties' energy over draws, \[m\]\[n\].
+    /// Mean of the penalties' energy over draws, \[i\]\[j\].
     fn energy(&self, smoothness: &Smoothness, draws: &[Vec<f64>]) -> Vec<f64> {
-        let mut sum = vec![0.0; self.places];
+        let mut sum = vec![0.0; self.cells];
         for x in draws {
-            for (s, v) in sum.iter_mut().zip(self.penalties.energy(smoothness, x)) {
+            for (s, v) in sum
+                .iter_mut()
+                .zip(self.penalties.energy(smoothness, x, self.cells))
+            {
                 *s += v / PROBES as f64;
             }
         }
@@ -171,7 +174,7 @@ pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Lea
         equations: information.equations(1.0)?,
         count: information.count as f64,
         penalties: Penalties::new(space, &relief),
-        places: basis.len() * basis.len(),
+        cells: basis.intervals() * basis.intervals(),
         white: Mat::from_fn(n, PROBES, |_, _| StandardNormal.sample(&mut rng)),
     };
     let mean_information = (0..n).map(|i| level.equations.matrix[(i, i)]).sum::<f64>() / n as f64;
@@ -240,7 +243,7 @@ pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Lea
             let mut expected = level.energy(&now, &draws);
             for (e, v) in expected
                 .iter_mut()
-                .zip(level.penalties.energy(&now, &fit.x))
+                .zip(level.penalties.energy(&now, &fit.x, level.cells))
             {
                 *e += v;
             }

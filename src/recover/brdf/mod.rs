@@ -290,10 +290,14 @@ fn recover_channel(
         Some(_) => None,
     };
     let fine = match finer {
-        None => None,
+        None => {
+            coarse = coarse.reconciled()?;
+            None
+        }
         Some(space) => {
             let (information, _) = reduced(space);
             let fine = Fit::new(information, &smoothness, &relief, options.non_negative)?;
+            let fine = fine.reconciled()?;
             if fine.noise != coarse.noise {
                 coarse = coarse.at_noise(fine.noise)?;
             }

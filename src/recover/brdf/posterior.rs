@@ -11,8 +11,13 @@ use crate::{Error, Result};
 /// Full exchanges that may fail to bring the number of wrong ones down.
 const PATIENCE: usize = 5;
 
-/// Weight of the logarithmic barrier at which the covariance is taken.
-const BARRIER: f64 = 3.0;
+/// Weight of the logarithmic barrier at which the covariance is taken: with 1 the curvature is within 20 % of the inverse variance of a Gaussian cut off at 0, from
+/// 2 σ below to far above.
+const BARRIER: f64 = 1.0;
+
+/// Most steps to the barrier's centre, and the change of its logarithms that is left: σ is wanted to some per cent.
+const CENTRINGS: usize = 30;
+const CENTRED: f64 = 0.05;
 
 /// Violation of a sign, in units of σ, that nobody needs to mend.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -31,6 +36,8 @@ pub struct Posterior {
     pub covariance: Mat<f64>,
     /// Number of unknowns that non-negativity holds at 0.
     pub held: usize,
+    /// By how much non-negativity raised χ², in units of what noise may do.
+    pub excess: f64,
 }
 
 /// The estimate before non-negativity is asked for.
@@ -97,41 +104,79 @@ impl Free {
     /// The estimate with its covariance.
     ///
     /// Non-negativity is of the unknowns, which makes the slice non-negative: the nearest such estimate in the
-    /// metric J + P. Its covariance is the curvature at the centre of a logarithmic barrier: an unknown far above 0 keeps
-    /// its σ, one pressed against 0 by a force z gets the 1/z of the exponential that is left of its Gaussian.
+    /// metric J + P, `prior` being P. If the truth is non-negative, that moves what the samples say by their noise, and χ² rises by about
+    /// 1 for each unknown that is held and independent of the others. If it rises by much more, P contradicts the samples: it would rather have
+    /// them wrong than the detail that a non-negative lobe needs.
+    ///
+    /// The covariance is the curvature at the centre of a logarithmic barrier: an unknown far above 0 keeps
+    /// its σ, one pressed against 0 gets what is left of its Gaussian there.
     ///
     /// # Errors
     /// If the normal equations cannot be factored.
-    pub fn posterior(self, non_negative: bool) -> Result<Posterior> {
+    pub fn posterior(self, prior: &Precision, non_negative: bool) -> Result<Posterior> {
         let Self {
             mut matrix,
             factor,
             mut mean,
         } = self;
         let covariance = factor.inverse();
-        if non_negative && let Some(force) = hold_non_negative(&covariance, &mut mean)? {
-            // Each of these is tens of megabytes.
-            drop(factor);
-            for (i, (&x, &z)) in mean.iter().zip(&force).enumerate() {
-                matrix[(i, i)] += barrier_curvature(x, z, 1.0 / covariance[(i, i)]);
-            }
-            drop(covariance);
-            let tighter = Factor::new(&matrix)?;
-            drop(matrix);
+        let free = mean.clone();
+        if !non_negative || hold_non_negative(&covariance, &mut mean)?.is_none() {
             return Ok(Posterior {
-                held: mean.iter().filter(|v| **v == 0.0).count(),
                 mean,
-                covariance: tighter.inverse(),
-                precision: tighter,
+                covariance,
+                precision: factor,
+                held: 0,
+                excess: 0.0,
             });
         }
+        // Each of these is tens of megabytes.
+        drop(factor);
+        let moved: Vec<f64> = mean.iter().zip(&free).map(|(x, f)| x - f).collect();
+        let pulled = prior.times(&moved);
+        let rise =
+            squared(&matrix, &moved) - moved.iter().zip(pulled).map(|(a, b)| a * b).sum::<f64>();
+        let held: Vec<usize> = (0..mean.len()).filter(|&i| mean[i] == 0.0).collect();
+        let excess = rise / noise_of(independent(&covariance, &held));
+        for (i, y) in barrier_centre(&covariance, &free).into_iter().enumerate() {
+            matrix[(i, i)] += BARRIER / (y * y);
+        }
+        drop(covariance);
+        let tighter = Factor::new(&matrix)?;
+        drop(matrix);
         Ok(Posterior {
+            held: held.len(),
+            excess,
             mean,
-            covariance,
-            precision: factor,
-            held: 0,
+            covariance: tighter.inverse(),
+            precision: tighter,
         })
     }
+}
+
+/// How many of the unknowns in `list` are as good as independent: (Σ 1)² / Σ correlation².
+fn independent(covariance: &Mat<f64>, list: &[usize]) -> f64 {
+    let mut sum = 0.0;
+    for &i in list {
+        for &j in list {
+            sum += covariance[(i, j)].powi(2) / (covariance[(i, i)] * covariance[(j, j)]);
+        }
+    }
+    let count = list.len() as f64;
+    count * count / sum.max(1.0)
+}
+
+/// Rise of χ² that noise may lead to where so many independent unknowns are held: twice 1 for each, since their number is a rough one, and four
+/// standard deviations.
+fn noise_of(independent: f64) -> f64 {
+    2.0 * independent + 4.0 * (2.0 * independent).sqrt()
+}
+
+/// xᵀ M x.
+fn squared(matrix: &Mat<f64>, x: &[f64]) -> f64 {
+    let column = faer::ColRef::from_slice(x);
+    let product = matrix * column;
+    product.iter().zip(x).map(|(a, b)| a * b).sum()
 }
 
 /// Brings the Gaussian estimate `x` with the given covariance C to the nearest x ≥ 0, and returns the force with which each
@@ -308,19 +353,43 @@ impl<'a> Held<'a> {
     }
 }
 
-/// What the curvature of a barrier −[`BARRIER`]·ln x adds to the precision of a coefficient whose constrained
-/// estimate is `x`, pressed against 0 by `z`, and whose precision without the constraint is `c`.
-fn barrier_curvature(x: f64, z: f64, c: f64) -> f64 {
-    // Its centre: c (y − x) + z = BARRIER / y.
-    let b = c * x - z;
-    let root = (b * b + 4.0 * c * BARRIER).sqrt();
-    // The form without cancellation of (b + root)/2c.
-    let y = if b > 0.0 {
-        (b + root) / (2.0 * c)
-    } else {
-        2.0 * BARRIER / (root - b)
+/// The minimum of ½ (y − x)ᵀ C⁻¹ (y − x) − [`BARRIER`] Σ ln y.
+///
+/// There y = x + C · BARRIER/y. Each y is brought to that with the others' share as it is, m times its own: y (y − x) = BARRIER · m C_{ii}; unknowns
+/// that the samples hardly tell apart are then pushed together, as one, and not as if each stood at the barrier alone.
+fn barrier_centre(covariance: &Mat<f64>, x: &[f64]) -> Vec<f64> {
+    let root = |x: f64, variance: f64| {
+        let root = (x * x + 4.0 * BARRIER * variance).sqrt();
+        // The form without cancellation of (x + root)/2.
+        if x > 0.0 {
+            0.5 * (x + root)
+        } else {
+            2.0 * BARRIER * variance / (root - x)
+        }
     };
-    BARRIER / (y * y)
+    let own = |i: usize| covariance[(i, i)].max(f64::MIN_POSITIVE);
+    let mut centre: Vec<f64> = x
+        .iter()
+        .enumerate()
+        .map(|(i, &x)| root(x, own(i)))
+        .collect();
+    for _ in 0..CENTRINGS {
+        let push: Vec<f64> = centre.iter().map(|y| 1.0 / y).collect();
+        let pushed = covariance * faer::ColRef::from_slice(&push);
+        let mut farthest = 0.0f64;
+        for (i, y) in centre.iter_mut().enumerate() {
+            // The others may also push the other way, but not past the barrier.
+            let together = (pushed[i] * *y).max(0.1 * own(i));
+            let next = root(x[i], together);
+            farthest = farthest.max((next / *y).ln().abs());
+            // Half the way, in which neighbours do not go past each other.
+            *y = (*y * next).sqrt();
+        }
+        if farthest < CENTRED {
+            break;
+        }
+    }
+    centre
 }
 
 /// f(x) of a sparse functional.
@@ -392,6 +461,31 @@ mod tests {
             assert_nearest(&covariance, &free);
         }
         assert!(circles > 0);
+    }
+
+    #[test]
+    fn unknowns_that_are_as_good_as_one_stand_at_the_barrier_as_one() {
+        // One unknown of deviation 2 at 0: y² is its variance times the barrier's weight, and its precision doubles.
+        let y = barrier_centre(&Mat::from_fn(1, 1, |_, _| 4.0), &[0.0]);
+        assert!((y[0] - (4.0 * BARRIER).sqrt()).abs() < 1e-12);
+        // Four that hardly differ: so it does for their mean.
+        let almost = Mat::from_fn(4, 4, |i, j| if i == j { 4.0004 } else { 4.0 });
+        let y = barrier_centre(&almost, &[0.0; 4]);
+        let told: f64 = y.iter().map(|y| BARRIER / (y * y)).sum();
+        // To what is left when the centring ends.
+        assert!((told * 4.0 - 1.0).abs() < 0.1, "{y:?}");
+        // And of a field of many it is the minimum.
+        let covariance = smooth_field(150, 4.0);
+        let free = ripples(150, 3);
+        let y = barrier_centre(&covariance, &free);
+        for i in 0..150 {
+            let pushed: f64 = (0..150).map(|j| covariance[(i, j)] * BARRIER / y[j]).sum();
+            let off = (y[i] - free[i] - pushed).abs();
+            assert!(
+                y[i] > 0.0 && off < 0.2 * (y[i] + covariance[(i, i)].sqrt()),
+                "{i}: {off}"
+            );
+        }
     }
 
     #[test]

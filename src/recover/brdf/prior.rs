@@ -6,7 +6,7 @@ use faer::{Mat, Side};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::basis::Basis;
+use super::basis::{Basis, Local};
 use super::space::Space;
 use crate::{Error, Result};
 
@@ -64,8 +64,9 @@ impl Smoothness {
 /// A lobe fills a small part of it. One size for all would smooth the lobe too much, and the rest too little.
 #[derive(Clone, Debug)]
 pub struct Relief {
+    /// Whose intervals are its cells.
     basis: Basis,
-    /// \[m\]\[n\] at the centres of the splines.
+    /// \[i\]\[j\] in the middle of the cells.
     variance: Vec<f64>,
 }
 
@@ -74,11 +75,11 @@ impl Relief {
     pub fn flat(basis: Basis) -> Self {
         Self {
             basis,
-            variance: vec![1.0; basis.len() * basis.len()],
+            variance: vec![1.0; basis.intervals() * basis.intervals()],
         }
     }
 
-    /// Multiplies by the ratio of two maps \[m\]\[n\], each first averaged over a Gaussian of standard deviation `width`
+    /// Multiplies by the ratio of two maps \[i\]\[j\], each first averaged over a Gaussian of standard deviation `width`
     /// radians.
     pub fn update(&mut self, wanted: &[f64], held: &[f64], width: f64) {
         let (wanted, held) = (self.blurred(wanted, width), self.blurred(held, width));
@@ -89,14 +90,12 @@ impl Relief {
     }
 
     fn blurred(&self, map: &[f64], width: f64) -> Vec<f64> {
-        let len = self.basis.len();
-        let centre: Vec<f64> = (0..len).map(|m| self.basis.centre(m)).collect();
-        let kernel: Vec<Vec<f64>> = centre
-            .iter()
+        let len = self.basis.intervals();
+        let width = width / self.basis.spacing();
+        let kernel: Vec<Vec<f64>> = (0..len)
             .map(|a| {
-                let row: Vec<f64> = centre
-                    .iter()
-                    .map(|b| (-((a - b) / width).powi(2) / 2.0).exp())
+                let row: Vec<f64> = (0..len)
+                    .map(|b| (-((a as f64 - b as f64) / width).powi(2) / 2.0).exp())
                     .collect();
                 let sum: f64 = row.iter().sum();
                 row.iter().map(|k| k / sum).collect()
@@ -121,38 +120,173 @@ impl Relief {
             .collect()
     }
 
-    /// Bilinear between the centres.
+    /// The cell in which (a, b) is, and that across the diagonal.
+    fn cells(&self, a: f64, b: f64) -> [usize; 2] {
+        let (i, j) = (self.basis.interval(a), self.basis.interval(b));
+        let len = self.basis.intervals();
+        [i * len + j, j * len + i]
+    }
+
+    /// Bilinear between the middles of the cells.
     fn at(&self, a: f64, b: f64) -> f64 {
-        let last = self.basis.len() - 1;
-        // The centre of an inner spline m is knot m − 1.
+        let len = self.basis.intervals();
         let place = |angle: f64| {
-            let x = ((angle + FRAC_PI_2) / self.basis.spacing() + 1.0).clamp(0.0, last as f64);
-            let i = (x as usize).min(last - 1);
+            let x = (angle + FRAC_PI_2) / self.basis.spacing() - 0.5;
+            let x = x.clamp(0.0, (len - 1) as f64);
+            let i = (x as usize).min(len - 2);
             (i, x - i as f64)
         };
         let ((i, s), (j, t)) = (place(a), place(b));
-        let v = |i: usize, j: usize| self.variance[i * (last + 1) + j];
+        let v = |i: usize, j: usize| self.variance[i * len + j];
         (1.0 - s) * ((1.0 - t) * v(i, j) + t * v(i, j + 1))
             + s * ((1.0 - t) * v(i + 1, j) + t * v(i + 1, j + 1))
     }
 }
 
-/// The three quadratic forms on the unknowns; each the sum of squares of sparse rows, one for each place \[m\]\[n\] of the full
-/// square of coefficients.
+/// The three quadratic forms on the unknowns, each the sum of squares of sparse rows.
 pub struct Penalties {
-    unknowns: usize,
-    forms: [Rows; 3],
+    /// Values of the forms between unknown i and the j ≤ i with which it has any: of each i its (j, values).
+    products: Vec<Vec<(usize, [f64; 3])>>,
+    rows: Rows,
 }
 
-/// Sparse rows one after the other.
+/// Sparse rows one after the other; of each a value in every form.
 struct Rows {
     starts: Vec<usize>,
-    entries: Vec<(usize, f64)>,
+    entries: Vec<(usize, [f64; 3])>,
+    /// The cells \[i\]\[j\] of the relief in which each row is, across the diagonal of each other.
+    cells: Vec<[usize; 2]>,
 }
 
 impl Rows {
-    fn iter(&self) -> impl Iterator<Item = &[(usize, f64)]> {
-        self.starts.windows(2).map(|w| &self.entries[w[0]..w[1]])
+    fn row(&self, k: usize) -> &[(usize, [f64; 3])] {
+        &self.entries[self.starts[k]..self.starts[k + 1]]
+    }
+
+    fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Of ∫ρ̃², ∫(∂³ρ̃/∂u³)² and ∫(∂³ρ̃/∂v³)², each weighted by 1/relief.
+    ///
+    /// The integrals are taken by 2 × 2 points of Gauss in every cell of the finest knots. One point would not see the waves that have a knot or a middle in each
+    /// of their zeros; and differences of the coefficients would take the ends, where knots coincide, for corners of the slice.
+    fn new(space: &Space, relief: &Relief) -> Self {
+        let basis = space.basis();
+        let h = basis.spacing();
+        let offset = 0.5 / 3f64.sqrt();
+        let jets: Vec<(f64, [Local; 4])> = (0..basis.intervals())
+            .flat_map(|i| [0.5 - offset, 0.5 + offset].map(|part| basis.cell(i, part)))
+            .map(|angle| (angle, [0, 1, 2, 3].map(|k| basis.derivative(angle, k))))
+            .collect();
+        let of_cells: Vec<Self> = (0..basis.intervals())
+            .into_par_iter()
+            .map(|i| {
+                let mut rows = Self::empty();
+                for j in 0..=i {
+                    let patch = space.patch(i, j);
+                    // Those across the diagonal are the same.
+                    let share = h / 2.0 * if i == j { 1.0 } else { 2f64.sqrt() };
+                    for (a, at_a) in &jets[2 * i..2 * i + 2] {
+                        for (b, at_b) in &jets[2 * j..2 * j + 2] {
+                            let scale = share / relief.at(*a, *b).sqrt();
+                            let third = scale / 8f64.sqrt();
+                            let mixed = |sign: f64| {
+                                patch.sum(&[
+                                    (at_a[3], at_b[0], third),
+                                    (at_a[2], at_b[1], 3.0 * sign * third),
+                                    (at_a[1], at_b[2], 3.0 * third),
+                                    (at_a[0], at_b[3], sign * third),
+                                ])
+                            };
+                            let (across, along) = (mixed(1.0), mixed(-1.0));
+                            for (u, w) in across.into_iter().zip(along) {
+                                rows.entries.push((u.0, [0.0, u.1, w.1]));
+                            }
+                            rows.finish(relief.cells(*a, *b));
+                        }
+                    }
+                }
+                rows
+            })
+            .collect();
+        let mut all = Self::of_size(space, relief);
+        for rows in of_cells {
+            let from = all.entries.len();
+            all.starts.extend(rows.starts[1..].iter().map(|s| s + from));
+            all.entries.extend(rows.entries);
+            all.cells.extend(rows.cells);
+        }
+        all
+    }
+
+    /// Of ∫ρ̃² as the sum of the squares of the coefficients.
+    fn of_size(space: &Space, relief: &Relief) -> Self {
+        let basis = space.basis();
+        let mut rows = Self::empty();
+        for m in 0..basis.len() {
+            for n in 0..=m {
+                let (a, b) = (basis.centre(m), basis.centre(n));
+                let share = basis.spacing() * if m == n { 1.0 } else { 2f64.sqrt() };
+                let scale = share / relief.at(a, b).sqrt();
+                space.each(m, n, |unknown, factor| {
+                    rows.entries.push((unknown, [scale * factor, 0.0, 0.0]));
+                });
+                rows.finish(relief.cells(a, b));
+            }
+        }
+        rows
+    }
+
+    fn empty() -> Self {
+        Self {
+            starts: vec![0],
+            entries: Vec::new(),
+            cells: Vec::new(),
+        }
+    }
+
+    fn finish(&mut self, cells: [usize; 2]) {
+        self.starts.push(self.entries.len());
+        self.cells.push(cells);
+    }
+
+    /// Their squares, for each of so many unknowns.
+    fn products(&self, unknowns: usize) -> Vec<Vec<(usize, [f64; 3])>> {
+        // The rows in which each unknown is, and its values there.
+        let mut uses: Vec<Vec<(u32, [f64; 3])>> = vec![Vec::new(); unknowns];
+        for k in 0..self.len() {
+            for &(i, v) in self.row(k) {
+                uses[i].push((k as u32, v));
+            }
+        }
+        uses.par_iter()
+            .enumerate()
+            .map_init(
+                || (vec![[0.0; 3]; unknowns], vec![false; unknowns]),
+                |(sums, seen), (i, uses)| {
+                    let mut touched = Vec::new();
+                    for &(k, f) in uses {
+                        for &(j, g) in self.row(k as usize).iter().filter(|(j, _)| *j <= i) {
+                            if !std::mem::replace(&mut seen[j], true) {
+                                touched.push(j);
+                            }
+                            for (sum, (f, g)) in sums[j].iter_mut().zip(f.iter().zip(g)) {
+                                *sum += f * g;
+                            }
+                        }
+                    }
+                    touched.sort_unstable();
+                    touched
+                        .into_iter()
+                        .map(|j| {
+                            seen[j] = false;
+                            (j, std::mem::take(&mut sums[j]))
+                        })
+                        .collect()
+                },
+            )
+            .collect()
     }
 }
 
@@ -161,46 +295,35 @@ fn dot(row: &[(usize, f64)], x: &[f64]) -> f64 {
     row.iter().map(|&(k, f)| f * x[k]).sum()
 }
 
+/// Σ of weights times forms.
+fn weigh(weights: &[f64; 3], forms: &[f64; 3]) -> f64 {
+    weights.iter().zip(forms).map(|(w, f)| w * f).sum()
+}
+
 impl Penalties {
     /// The forms on `space`, weighted by 1/relief.
     pub fn new(space: &Space, relief: &Relief) -> Self {
-        let basis = space.basis();
-        let centre: Vec<f64> = (0..basis.len()).map(|m| basis.centre(m)).collect();
-        let forms = [0, 1, 2].map(|form| {
-            let mut rows = Rows {
-                starts: vec![0],
-                entries: Vec::with_capacity(4 * centre.len() * centre.len()),
-            };
-            for (m, &a) in centre.iter().enumerate() {
-                for (n, &b) in centre.iter().enumerate() {
-                    let from = rows.entries.len();
-                    let scale = relief.at(a, b).sqrt().recip();
-                    for (i, j, factor) in difference(basis, scale, form, m, n) {
-                        space.each(i, j, |unknown, share| {
-                            let entries = &mut rows.entries;
-                            match entries[from..].iter_mut().find(|e| e.0 == unknown) {
-                                Some(entry) => entry.1 += factor * share,
-                                None => entries.push((unknown, factor * share)),
-                            }
-                        });
-                    }
-                    rows.starts.push(rows.entries.len());
-                }
-            }
-            rows
-        });
+        let rows = Rows::new(space, relief);
         Self {
-            unknowns: space.len(),
-            forms,
+            products: rows.products(space.len()),
+            rows,
         }
     }
 
-    /// Σ of the three forms at each place \[m\]\[n\].
-    pub fn energy(&self, smoothness: &Smoothness, x: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; self.forms[0].starts.len() - 1];
-        for (rows, weight) in self.forms.iter().zip(smoothness.weights()) {
-            for (place, row) in out.iter_mut().zip(rows.iter()) {
-                *place += weight * dot(row, x).powi(2);
+    /// Σ of the three forms in each cell \[i\]\[j\] of the relief, `cells` in all.
+    pub fn energy(&self, smoothness: &Smoothness, x: &[f64], cells: usize) -> Vec<f64> {
+        let weights = smoothness.weights();
+        let mut out = vec![0.0; cells];
+        for k in 0..self.rows.len() {
+            let mut values = [0.0; 3];
+            for &(i, f) in self.rows.row(k) {
+                for (value, f) in values.iter_mut().zip(f) {
+                    *value += f * x[i];
+                }
+            }
+            let energy = weigh(&weights, &values.map(|v| v * v));
+            for cell in self.rows.cells[k] {
+                out[cell] += 0.5 * energy;
             }
         }
         out
@@ -208,97 +331,85 @@ impl Penalties {
 
     /// The value of each form at `x`.
     pub fn values(&self, x: &[f64]) -> [f64; 3] {
-        [0, 1, 2].map(|form| {
-            let rows = self.forms[form].iter();
-            rows.map(|row| dot(row, x).powi(2)).sum()
-        })
+        let mut out = [0.0; 3];
+        for (i, row) in self.products.iter().enumerate() {
+            for &(j, forms) in row {
+                let both = if i == j { 1.0 } else { 2.0 } * x[i] * x[j];
+                for (sum, f) in out.iter_mut().zip(forms) {
+                    *sum += both * f;
+                }
+            }
+        }
+        // None is below 0 but by rounding.
+        out.map(|v| v.max(0.0))
     }
 
     /// P.
     pub fn precision(&self, smoothness: &Smoothness) -> Precision {
-        // The rows in which each unknown is, and its factor there.
-        let mut uses: Vec<Vec<(usize, usize, f64)>> = vec![Vec::new(); self.unknowns];
-        for (form, rows) in self.forms.iter().enumerate() {
-            for (place, row) in rows.iter().enumerate() {
-                for &(i, f) in row.iter().filter(|(_, f)| *f != 0.0) {
-                    uses[i].push((form, place, f));
+        let weights = smoothness.weights();
+        let mut rows = vec![Vec::new(); self.products.len()];
+        for (i, row) in self.products.iter().enumerate() {
+            for (j, forms) in row {
+                let value = weigh(&weights, forms);
+                rows[i].push((*j, value));
+                if *j != i {
+                    rows[*j].push((i, value));
                 }
             }
         }
-        let weights = smoothness.weights();
-        let rows = uses
-            .par_iter()
-            .map_init(
-                || vec![0.0; self.unknowns],
-                |sums, uses| {
-                    let mut touched = Vec::new();
-                    for &(form, place, f) in uses {
-                        let rows = &self.forms[form];
-                        for &(j, g) in &rows.entries[rows.starts[place]..rows.starts[place + 1]] {
-                            if sums[j] == 0.0 {
-                                touched.push(j);
-                            }
-                            sums[j] += weights[form] * f * g;
-                        }
-                    }
-                    touched.sort_unstable();
-                    touched.dedup();
-                    touched
-                        .into_iter()
-                        .map(|j| (j, std::mem::take(&mut sums[j])))
-                        .collect()
-                },
-            )
-            .collect();
         Precision { rows }
     }
 
     /// Adds P to a dense matrix.
     pub fn add_dense(&self, smoothness: &Smoothness, out: &mut Mat<f64>) {
-        for (rows, weight) in self.forms.iter().zip(smoothness.weights()) {
-            for row in rows.iter().filter(|_| weight != 0.0) {
-                for &(i, a) in row {
-                    for &(j, b) in row {
-                        out[(i, j)] += weight * a * b;
-                    }
+        let weights = smoothness.weights();
+        for (i, row) in self.products.iter().enumerate() {
+            for (j, forms) in row {
+                let value = weigh(&weights, forms);
+                out[(i, *j)] += value;
+                if *j != i {
+                    out[(*j, i)] += value;
                 }
             }
         }
     }
 }
 
-/// The row of `form` (0 amplitude, 1 across, 2 along) centred at coefficient (m, n) of the full square, times `scale`: up to four
-/// coefficients with their factors. Those beyond the square are of the splines left out: 0.
-fn difference(
-    basis: Basis,
-    scale: f64,
-    form: usize,
-    m: usize,
-    n: usize,
-) -> impl Iterator<Item = (usize, usize, f64)> {
-    let h = basis.spacing();
-    let (steps, factor): (&[f64], f64) = if form == 0 {
-        (&[1.0], h * scale)
-    } else {
-        // The diagonal neighbours are √2 h apart; times h, since the sum stands for ∫ da db.
-        (
-            &[3.0, -1.0, 1.0, -3.0],
-            scale * h / (2f64.sqrt() * h).powi(3),
-        )
-    };
-    let side = if form == 1 { 1 } else { -1 };
-    let last = basis.len() as isize - 1;
-    // −x₋₁ + 3x₀ − 3x₁ + x₂, the middle first.
-    let order = [0isize, -1, 2, 1];
-    steps.iter().zip(order).filter_map(move |(&step, k)| {
-        let (i, j) = (m as isize + k, n as isize + side * k);
-        let inside = i >= 0 && j >= 0 && i <= last && j <= last;
-        inside.then_some((i as usize, j as usize, step * factor))
-    })
+/// The precision of coefficients on the finest splines that are independent of each other: `amplitude` times the square of the
+/// spacing each.
+pub fn white(space: &Space, amplitude: f64) -> Precision {
+    let basis = space.basis();
+    let weight = amplitude * basis.spacing().powi(2);
+    let mut rows = vec![Vec::new(); space.len()];
+    let mut terms = Vec::new();
+    for m in 0..basis.len() {
+        for n in 0..=m {
+            terms.clear();
+            space.each(m, n, |unknown, factor| terms.push((unknown, factor)));
+            let both = if m == n { 1.0 } else { 2.0 };
+            for &(i, f) in &terms {
+                rows[i].extend(terms.iter().map(|&(j, g)| (j, both * weight * f * g)));
+            }
+        }
+    }
+    for row in &mut rows {
+        row.sort_unstable_by_key(|(j, _)| *j);
+        row.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 += next.1;
+            }
+            same
+        });
+    }
+    Precision { rows }
 }
 
-/// The prior's precision P as a sparse matrix: some twenty numbers in each row where splines are of one width, some hundred where
-/// two meet.
+/// Columns that are multiplied at a time.
+const ABREAST: usize = 8;
+
+/// The prior's precision P as a sparse matrix: some hundred numbers in each row.
+#[derive(Clone)]
 pub struct Precision {
     rows: Vec<Vec<(usize, f64)>>,
 }
@@ -314,6 +425,15 @@ impl Precision {
         }
     }
 
+    /// P times a factor.
+    #[must_use]
+    pub fn times_factor(mut self, factor: f64) -> Self {
+        for (_, v) in self.rows.iter_mut().flatten() {
+            *v *= factor;
+        }
+        self
+    }
+
     /// P x.
     pub fn times(&self, x: &[f64]) -> Vec<f64> {
         self.rows.iter().map(|row| dot(row, x)).collect()
@@ -322,12 +442,26 @@ impl Precision {
     /// P times each column of `x`.
     pub fn times_columns(&self, x: &Mat<f64>) -> Mat<f64> {
         let mut out = Mat::zeros(x.nrows(), x.ncols());
-        out.par_col_chunks_mut(1)
-            .zip(x.par_col_chunks(1))
+        // Some columns side by side, so that each number of P is read once for all of them.
+        out.par_col_chunks_mut(ABREAST)
+            .zip(x.par_col_chunks(ABREAST))
             .for_each(|(mut to, from)| {
-                let from: Vec<f64> = from.col(0).iter().copied().collect();
+                let mut side_by_side = vec![[0.0; ABREAST]; from.nrows()];
+                for k in 0..from.ncols() {
+                    for (place, v) in side_by_side.iter_mut().zip(from.col(k).iter()) {
+                        place[k] = *v;
+                    }
+                }
                 for (i, row) in self.rows.iter().enumerate() {
-                    to[(i, 0)] = dot(row, &from);
+                    let mut sums = [0.0; ABREAST];
+                    for &(j, f) in row {
+                        for (sum, v) in sums.iter_mut().zip(&side_by_side[j]) {
+                            *sum += f * v;
+                        }
+                    }
+                    for (k, sum) in sums.iter().enumerate().take(to.ncols()) {
+                        to[(i, k)] = *sum;
+                    }
                 }
             });
         out

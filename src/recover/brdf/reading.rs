@@ -10,7 +10,7 @@ use super::estimate::Coefficient;
 use super::fit::Fit;
 use super::information::Information;
 use super::posterior;
-use super::prior::{Factor, Penalties, Relief, Smoothness};
+use super::prior::{Factor, Penalties, Precision, Relief, Smoothness, white};
 use super::space::Space;
 use super::spectrum;
 use super::spread::{self, Spread, Variances};
@@ -19,6 +19,13 @@ use crate::lighting::Status;
 
 /// How many times the largest value of the slice a coefficient may be in the problem without smoothness.
 const VAGUE: f64 = 100.0;
+
+/// The most of a bound's square that may be the white ε's own: averages over the slice have little of the size that ε allows its values, and
+/// without this one that no sample sees could seem as well known as one that is measured badly.
+const UNSEEN: f64 = 0.1;
+
+/// What is left unseen by no more than rounding, of the prior's standard deviation: quadratures of the light and of the waves differ by far less.
+const ROUNDING: f64 = 1e-3;
 
 /// White prior that allows coefficients of [`VAGUE`] times `largest` on splines `spacing` radians apart.
 pub fn vague(spacing: f64, largest: f64) -> Smoothness {
@@ -35,7 +42,14 @@ pub fn vague(spacing: f64, largest: f64) -> Smoothness {
 fn classify(bound: f64, sigma: f64, told: f64, prior: f64) -> Status {
     if bound <= 0.5 * prior && bound <= 10.0 * sigma {
         Status::Determined
-    } else if told <= 0.5 * prior {
+    } else {
+        unseen(told, prior)
+    }
+}
+
+/// Status of what the samples alone do not determine.
+fn unseen(told: f64, prior: f64) -> Status {
+    if told <= 0.5 * prior {
         Status::Weak
     } else {
         Status::Indeterminate
@@ -124,9 +138,9 @@ pub fn read(
             .map(|place| posterior::variance(place, covariance))
             .collect()
     };
-    let unsmoothed = without_smoothness(fit, largest)?;
+    let unsmoothed = Unsmoothed::new(fit, largest)?;
     let coefficients = coefficients(fit, coarse, order, &unsmoothed, reach);
-    let covariance = unsmoothed.inverse();
+    let covariance = unsmoothed.factor.inverse();
     drop(unsmoothed);
     let bound: Vec<f64> = variances(&covariance).iter().map(|v| v.sqrt()).collect();
     drop(covariance);
@@ -146,7 +160,11 @@ pub fn read(
             let place = reach.space.value_at(a, b);
             let p = posterior::variance(&place, &prior).sqrt();
             let t = posterior::variance(&place, &told).sqrt();
-            let status = classify(bound[k], posterior[k].sqrt(), t, p);
+            // Of ε each value alone may be a hundred times the largest.
+            let status = match bound[k] <= largest {
+                true => classify(bound[k], posterior[k].sqrt(), t, p),
+                false => unseen(t, p),
+            };
             (sigma(status, posterior[k], spread.at(a, b)), status)
         })
         .collect();
@@ -166,13 +184,41 @@ pub fn read(
     Ok((grid, coefficients))
 }
 
-/// The precision of the problem without smoothness.
-fn without_smoothness(fit: &Fit, largest: f64) -> Result<Factor> {
-    let space = fit.space();
-    let mut matrix = fit.information.equations(fit.noise)?.matrix;
-    let white = vague(space.basis().spacing(), largest);
-    Penalties::new(space, &Relief::flat(space.basis())).add_dense(&white, &mut matrix);
-    Factor::new(&matrix)
+/// The problem without smoothness.
+struct Unsmoothed {
+    /// ε.
+    white: Precision,
+    /// Of J + ε.
+    factor: Factor,
+}
+
+impl Unsmoothed {
+    fn new(fit: &Fit, largest: f64) -> Result<Self> {
+        let space = fit.space();
+        let mut matrix = fit.information.equations(fit.noise)?.matrix;
+        let white = white(space, vague(space.basis().spacing(), largest).amplitude);
+        white.add_to(&mut matrix);
+        Ok(Self {
+            factor: Factor::new(&matrix)?,
+            white,
+        })
+    }
+
+    /// The squares of the bounds of functionals of the unknowns, and how much of each is the size that ε allows to what the samples do not see
+    /// at all.
+    fn bounds(&self, functionals: &Mat<f64>) -> Vec<[f64; 2]> {
+        // g (J + ε)⁻¹ g, and g (J + ε)⁻¹ ε (J + ε)⁻¹ g.
+        let mut seen = functionals.clone();
+        self.factor.solve(&mut seen);
+        let pulled = self.white.times_columns(&seen);
+        let dot = |a: &Mat<f64>, b: &Mat<f64>, k: usize| -> f64 {
+            let pairs = a.col(k).iter().zip(b.col(k).iter());
+            pairs.map(|(a, b)| a * b).sum()
+        };
+        (0..functionals.ncols())
+            .map(|k| [dot(functionals, &seen, k), dot(&seen, &pulled, k)].map(|v| v.max(0.0)))
+            .collect()
+    }
 }
 
 /// What a fit says of one coefficient.
@@ -182,6 +228,16 @@ struct Fitted {
     posterior: [f64; 2],
     /// Bound of each part.
     bound: f64,
+    /// The part of it that is the size allowed by ε to what no sample sees.
+    unseen: f64,
+}
+
+impl Fitted {
+    /// Whether the bound is that of the samples, rather than of ε.
+    fn is_seen(&self, prior: f64) -> bool {
+        let share = self.unseen * self.unseen <= UNSEEN * self.bound * self.bound;
+        share || self.unseen <= ROUNDING * prior
+    }
 }
 
 /// What the coarse fit and the prior say of one coefficient.
@@ -198,25 +254,29 @@ fn coefficients(
     fit: &Fit,
     coarse: &Fit,
     order: usize,
-    unsmoothed: &Factor,
+    unsmoothed: &Unsmoothed,
     reach: &Reach,
 ) -> Vec<Coefficient> {
     let part = |variances: &[f64]| spectrum::of_parts(variances[0], variances[1]).sqrt();
     let fitted = spectrum::functionals(fit.space(), order, |columns| {
         let posterior = spectrum::variances(columns, &fit.posterior.precision);
-        let bound = spectrum::variances(columns, unsmoothed);
+        let bounds = unsmoothed.bounds(columns);
         let value = |j: usize| -> f64 {
             let pairs = columns.col(j).iter().zip(&fit.posterior.mean);
             pairs.map(|(w, x)| w * x).sum()
         };
         posterior
             .chunks_exact(2)
-            .zip(bound.chunks_exact(2))
+            .zip(bounds.chunks_exact(2))
             .enumerate()
-            .map(|(k, (posterior, bound))| Fitted {
-                value: Complex64::new(value(2 * k), value(2 * k + 1)),
-                posterior: [posterior[0], posterior[1]],
-                bound: part(bound),
+            .map(|(k, (posterior, bounds))| {
+                let [bound, unseen] = [0, 1].map(|i| part(&[bounds[0][i], bounds[1][i]]));
+                Fitted {
+                    value: Complex64::new(value(2 * k), value(2 * k + 1)),
+                    posterior: [posterior[0], posterior[1]],
+                    bound,
+                    unseen,
+                }
             })
             .collect()
     });
@@ -248,7 +308,10 @@ fn coefficients(
                 total: scaled(&|v| v.total),
             };
             let bound = fitted.bound;
-            let status = classify(bound, own.total.sqrt(), expected.told, expected.prior);
+            let status = match fitted.is_seen(expected.prior) {
+                true => classify(bound, own.total.sqrt(), expected.told, expected.prior),
+                false => unseen(expected.told, expected.prior),
+            };
             Coefficient {
                 p,
                 q,

@@ -1,6 +1,6 @@
 //! The space in which the slice is sought: product splines, locally refined where a lobe asks for it.
 
-use super::basis::Basis;
+use super::basis::{Basis, Local};
 
 /// Symmetric product splines on equal intervals, or coarse ones with splines of half the interval in a region.
 ///
@@ -170,14 +170,21 @@ pub struct Patch {
 impl Patch {
     /// Value of the slice at (a, b), radians, within these knots, as factors on the unknowns, each named once.
     pub fn value_at(&self, a: f64, b: f64) -> Vec<(usize, f64)> {
+        self.sum(&[(self.basis.at(a), self.basis.at(b), 1.0)])
+    }
+
+    /// Σ factor Σ_{mn} c_{mn} f_m g_n over some (f, g, factor), as factors on the unknowns, each named once; f and g are values or derivatives of
+    /// the splines within these knots.
+    pub fn sum(&self, parts: &[(Local, Local, f64)]) -> Vec<(usize, f64)> {
         let mut out: Vec<(usize, f64)> = self.unknowns.iter().map(|&u| (u, 0.0)).collect();
-        let (at_a, at_b) = (self.basis.at(a), self.basis.at(b));
-        let products = at_a
-            .iter()
-            .flat_map(|(_, u)| at_b.iter().map(move |(_, v)| u * v));
-        for (product, range) in products.zip(self.starts.windows(2)) {
-            for &(place, factor) in &self.terms[range[0]..range[1]] {
-                out[place].1 += product * factor;
+        for (f, g, weight) in parts {
+            let products = f
+                .iter()
+                .flat_map(|(_, u)| g.iter().map(move |(_, v)| u * v * weight));
+            for (product, range) in products.zip(self.starts.windows(2)) {
+                for &(place, factor) in &self.terms[range[0]..range[1]] {
+                    out[place].1 += product * factor;
+                }
             }
         }
         out

@@ -124,8 +124,11 @@ fn a_sharp_lobe_is_held_by_finer_splines_where_it_is() {
             "{planted:?} {values:?}"
         );
         assert!(values.ratio() < 1.08, "{planted:?} {values:?}");
+        // σ is some 5e-5 of the lobe's height, the splines miss its crest by 15 (4.5°/5.1°)⁶/46080 = 1.6e-4, and with the Gaussian's sixth derivative
+        // it is a twentieth of σ at 4.1 of its widths, 21°. With two cells more around each, both ways, 39° on either side of the crest are fine,
+        // 0.39 of the slice: 0.39 · 3486 fine unknowns and 0.61 · 990 coarse ones. Those of a uniform space would be nearly twice as many.
         assert!(
-            slice.parameters < 1600.0,
+            slice.parameters < 1960.0,
             "{planted:?} {}",
             slice.parameters
         );
