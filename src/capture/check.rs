@@ -343,7 +343,8 @@ fn gaps(capture: &Capture) -> Vec<String> {
         for pair in numbers.windows(2) {
             let stride = pair[1].0.abs_diff(pair[0].0);
             // Steps that are no multiple of the usual one are no numbering.
-            if usual > 0 && stride > usual && stride % usual == 0 && stride <= MOST_SKIPPED * usual {
+            if usual > 0 && stride > usual && stride % usual == 0 && stride <= MOST_SKIPPED * usual
+            {
                 warnings.push(format!(
                     "the files jump from \"{}\" to \"{}\" and their angles do not: if {} missing, all views from there on stand too early; list them with [[view]]",
                     pair[0].1.display(),
