@@ -3,6 +3,10 @@
 //! Every call on the file system that a run's products depend on goes through `call` in builds with debug assertions, where
 //! a test can make the n-th of them fail; in releases `call` is nothing.
 
+mod claim;
+mod staging;
+mod whole;
+
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write as _};
 use std::path::Path;
@@ -10,8 +14,15 @@ use std::sync::{Arc, OnceLock};
 
 use crate::error::{Error, Result};
 
+pub use claim::{Claim, claim, share};
+pub use staging::{STAGING, commit, discard, stage};
+pub use whole::{write_together, write_whole};
+
 /// The largest text that is read whole, bytes: a table of 4 million cells and a description of 100,000 views fit.
 const LARGEST_TEXT: u64 = 1 << 28;
+
+/// Bytes that are written at once, so that a disk may fill up within a file.
+const PIECE: usize = 1 << 20;
 
 /// A regular file opened for reading, and its length: no folder, device or pipe, which may have no end.
 ///
@@ -154,22 +165,6 @@ impl Seek for Input {
     }
 }
 
-/// Writes a file whole or not at all: beside its place, flushed to the disk, then renamed.
-///
-/// # Errors
-/// If it cannot be written.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let attempt = || -> io::Result<()> {
-        call("create")?;
-        let mut file = atomic_write_file::AtomicWriteFile::open(path)?;
-        call("write")?;
-        file.write_all(bytes)?;
-        call("rename")?;
-        file.commit()
-    };
-    attempt().map_err(|e| unwritten(path, &e))
-}
-
 /// Writes a file and flushes it to the disk; for places where a file that is half there harms nobody.
 ///
 /// # Errors
@@ -178,8 +173,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     let attempt = || -> io::Result<()> {
         call("create")?;
         let mut file = File::create(path)?;
-        // In pieces, so that a disk may fill up within a file.
-        for piece in bytes.chunks(1 << 20) {
+        for piece in bytes.chunks(PIECE) {
             call("write")?;
             file.write_all(piece)?;
         }
@@ -247,16 +241,18 @@ fn unread(path: &Path, cause: &io::Error) -> Error {
 /// Why something could not be written: a full disk and a place that is not the user's to write to are for the user to mend.
 pub fn unwritten(path: &Path, cause: &io::Error) -> Error {
     use io::ErrorKind::{
-        NotADirectory, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull,
+        InvalidFilename, IsADirectory, NotADirectory, NotFound, PermissionDenied, QuotaExceeded,
+        ReadOnlyFilesystem, StorageFull,
     };
     let what = format!("cannot write it: {cause}");
     match cause.kind() {
         StorageFull | QuotaExceeded => Error::input(what)
             .file(path)
             .advice("The disk is full: free some space, or write to another place with --out."),
-        PermissionDenied | ReadOnlyFilesystem | NotADirectory => Error::input(what)
+        PermissionDenied | ReadOnlyFilesystem | NotADirectory | NotFound | IsADirectory
+        | InvalidFilename => Error::input(what)
             .file(path)
-            .advice("Give a folder that you may write to with --out."),
+            .advice("Give a place that you may write to with --out."),
         _ => Error::write(path, cause),
     }
 }

@@ -2,12 +2,15 @@
 //! any call and at random moments, two runs want one folder. Afterwards the folder holds complete files of the former or the
 //! new run only, and the next run ends as if nothing had been.
 
+mod folder;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
+use folder::{contents, hidden};
 use rayon::prelude::*;
 use tempfile::TempDir;
 
@@ -97,53 +100,6 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// What a folder shows: its files, without what the time that the stages took makes of them, and without what is not yet a
-/// product.
-fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let Ok(entries) = std::fs::read_dir(folder) else {
-        return BTreeMap::new();
-    };
-    entries
-        .map(|entry| {
-            let entry = entry.expect("an entry");
-            let name = entry.file_name().to_string_lossy().into_owned();
-            (name, entry.path())
-        })
-        .filter(|(name, _)| !name.starts_with('.'))
-        .map(|(name, path)| {
-            let bytes = std::fs::read(path).expect("reads");
-            let timeless = timeless(&name, bytes);
-            (name, timeless)
-        })
-        .collect()
-}
-
-/// The file without the stages' seconds, and without hashes of files that hold such.
-fn timeless(name: &str, bytes: Vec<u8>) -> Vec<u8> {
-    if name.ends_with(".json") {
-        let mut value: serde_json::Value = serde_json::from_slice(&bytes).expect("JSON, whole");
-        if let Some(object) = value.as_object_mut() {
-            object.remove("stage_seconds");
-            if let Some(products) = object.get_mut("products").and_then(|p| p.as_object_mut()) {
-                products.retain(|name, _| {
-                    !["report.html", "summary.json", "run.json"].contains(&name.as_str())
-                });
-            }
-        }
-        return value.to_string().into_bytes();
-    }
-    if name == "report.html" {
-        let text = String::from_utf8(bytes).expect("UTF-8");
-        assert!(text.trim_end().ends_with("</html>"), "the page is whole");
-        let (before, rest) = text
-            .split_once("<caption>Time per stage</caption>")
-            .expect("the table of times");
-        let (_, after) = rest.split_once("</table>").expect("its end");
-        return format!("{before}{after}").into_bytes();
-    }
-    bytes
-}
-
 /// Every file is the former run's or the new one's, whole.
 fn is_of_either(found: &BTreeMap<String, Vec<u8>>) -> Result<(), String> {
     for (name, bytes) in found {
@@ -179,11 +135,10 @@ fn aftermath(out: &Path) -> Result<(), String> {
             return Err(format!("{name} is not as in an undisturbed run"));
         }
     }
-    let hidden = std::fs::read_dir(out).expect("the folder").count() - found.len();
-    match (found.len() == SOUND.new.len(), hidden) {
-        (true, 0) => Ok(()),
-        _ => Err(format!(
-            "the folder holds more: {:?}, {hidden} hidden",
+    match (found.len() == SOUND.new.len(), hidden(out)) {
+        (true, hidden) if hidden.is_empty() => Ok(()),
+        (_, hidden) => Err(format!(
+            "the folder holds more: {:?}, {hidden:?} hidden",
             found.keys()
         )),
     }

@@ -216,6 +216,45 @@ fn declared_sizes_cost_neither_time_nor_memory() {
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{name}: {said}");
         assert!(said.contains(name), "{said}");
+        let output = flatlight(&["check", shown(&set)]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "check, {name}: {said}");
+        assert!(said.contains("bytes can hold"), "check, {name}: {said}");
+    }
+}
+
+/// Two dozen such photos on all threads cost no more: no thread allocates for what a header declares. Beside the threads' stacks, 2 MB
+/// each, the limit on the address space holds the program and 100 MB.
+#[test]
+#[cfg(target_os = "linux")]
+fn many_declared_sizes_cost_no_more() {
+    for (name, bytes) in giants() {
+        let set = tempfile::tempdir().expect("a folder");
+        let mut text = "[object]\nshape = \"cylinder\"\nradius = 0.05\n[camera]\nfocal_px = 480\ndistance = 0.6\nimage_size = [100000, 100000]\n".to_owned();
+        for view in 0..24 {
+            let file = format!("{view}{name}");
+            std::fs::write(set.path().join(&file), &bytes).expect("writes");
+            text += &format!(
+                "[[view]]\norbit_deg = {}\nfile = \"{file}\"\nexposure_s = 1\n",
+                15 * view
+            );
+        }
+        std::fs::write(set.path().join("capture.toml"), text).expect("writes");
+        std::fs::write(set.path().join("recipe.toml"), "recover = \"none\"\n").expect("writes");
+        let script = "ulimit -v 600000; exec \"$0\" run \"$1/recipe.toml\" --capture \"$1\" --out \"$1/out\" --threads 4";
+        let output = Command::new("sh")
+            .args([
+                "-c",
+                script,
+                env!("CARGO_BIN_EXE_flatlight"),
+                shown(set.path()),
+            ])
+            .output()
+            .expect("starts");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{name}: {said}");
+        assert!(said.contains("bytes can hold"), "{name}: {said}");
+        assert!(!set.path().join("out").exists(), "{name}");
     }
 }
 

@@ -79,5 +79,21 @@ fn a_dull_surface_in_a_room_is_refused() {
         let run = run("surround-phong8", recipe);
         warns_of_the_cause(&run);
         nothing_is_determined(&run);
+        // The rows beside the line alone say so: lamps 30° and more from the plane in a lobe of 20°.
+        for fit in &run.fit {
+            assert!(fit.across.is_some_and(|across| across > 0.12), "{fit:?}");
+        }
+        let said = run.warnings.join("\n");
+        assert!(said.contains("across the measurement plane"), "{said}");
+    }
+}
+
+/// Rendered light in the plane gives rows that are alike above and below it, to the last bit but for rounding.
+#[test]
+fn light_in_the_plane_is_alike_above_and_below() {
+    let run = run("phong8-smooth", BOTH);
+    for fit in &run.fit {
+        assert!(fit.across.is_some_and(|across| across < 1e-3), "{fit:?}");
+        assert_eq!(fit.verdict, Verdict::Explained, "{fit:?}");
     }
 }

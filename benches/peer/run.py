@@ -4,6 +4,8 @@
     benches/peer/run.py [--flatlight BINARY] [--cpus 0,1] [--repeat N] [--bare] SET...
     benches/peer/run.py --large [--rows FIRST:LAST] SET     against OpenImageIO reading the photographs and nothing else:
                                                             whole, and only the blocks that hold these rows
+    benches/peer/run.py --large --rows FIRST:LAST --blocks BINARY SET   and against the exr crate inflating these blocks and nothing
+                                                            else (`cargo bench --no-run --bench blocks` names the binary)
 
 --bare: against a least-squares fit without limbs, error bars, sources and products as well.
 
@@ -32,6 +34,7 @@ def main():
     parser.add_argument("--bare", action="store_true", help="compare with a bare least-squares fit, too")
     parser.add_argument("--large", action="store_true", help="compare with reading the photographs only")
     parser.add_argument("--rows", help="first:last, the scan lines that are needed")
+    parser.add_argument("--blocks", type=Path, help="the bench `blocks`, to compare with the exr crate")
     options = parser.parse_args()
     os.sched_setaffinity(0, {int(c) for c in options.cpus.split(",")})
     peers = {"the peer": []}
@@ -51,10 +54,20 @@ def main():
                     out_too = ["--out", Path(out) / "b"] if name == "the peer" else []
                     theirs[name].append(timed([sys.executable, HERE / "peer.py", folder, *more, *out_too]))
         print(f"{folder}: flatlight, report included, {told(ours)}")
+        if options.blocks and options.rows:
+            least_of_blocks(options, folder, ours)
         for name, runs in theirs.items():
             print(f"    {name} {told(runs)}; {least(runs, 'wall') / least(ours, 'wall'):.1f} times by wall, "
                   f"{least(runs, 'inside') / least(ours, 'wall'):.1f} times without Python's start "
                   f"({least(runs, 'inside'):.2f} s), {least(runs, 'cpu') / least(ours, 'cpu'):.1f} times by processor time")
+
+
+def least_of_blocks(options, folder, ours):
+    """The exr crate on as many threads as the runs have, without anything else."""
+    os.environ["RAYON_NUM_THREADS"] = "2"
+    seconds = min(timed([options.blocks, folder, options.rows])["inside"] for _ in range(options.repeat))
+    print(f"    the exr crate inflating the blocks of the rows {seconds:.3f} s; the whole run takes "
+          f"{least(ours, 'wall') / seconds:.1f} times that")
 
 
 def timed(command):

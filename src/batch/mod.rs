@@ -114,6 +114,7 @@ impl Work<'_> {
         let capture = Capture::read(&set.folder)?;
         let hashes = input_hashes(self.recipe, self.recipe_file, &capture)?;
         let folder = Folder::new(out);
+        let _claim = folder.claim()?;
         let (recipe_toml, capture_toml) = (self.recipe.to_toml(), capture.to_toml());
         let there = folder.look(&hashes, &recipe_toml, &capture_toml, self.options.force)?;
         let reused = there == pipeline::Found::Same;

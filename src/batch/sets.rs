@@ -30,16 +30,17 @@ pub struct Set {
 pub fn find_sets(folder: &Path, out: &Path) -> Result<Vec<Set>> {
     let mut sets = Vec::new();
     let out = std::fs::canonicalize(out).ok();
+    let single = folder.join("capture.toml").exists();
     for (name, path) in subfolders(folder)? {
         let before = sets.len();
         let result = is_result(&path) || is_same(&path, out.as_deref());
         walk(&path, &name, out.as_deref(), 0, &mut sets);
-        if sets.len() == before && !result && lacks_description(&path, 0) {
+        // Below a set are its photographs.
+        if sets.len() == before && !result && !single && lacks_description(&path, 0) {
             sets.push(Set { name, folder: path });
         }
     }
     if sets.is_empty() {
-        let single = folder.join("capture.toml").exists();
         let found = if single { "one set itself" } else { "none" };
         return Err(Error::input(format!(
             "expected folders with a capture.toml each below this one, found {found}"

@@ -40,14 +40,20 @@ impl Pair {
 
     /// The same for many incident directions and one exitant one.
     pub fn towards(exitant: LocalAngle) -> impl Fn(LocalAngle) -> Option<Self> {
-        let above = exitant.rad().abs() < FRAC_PI_2;
-        let half = (0.5 * exitant.rad()).sin_cos();
+        let of_half = Self::towards_of_half(exitant);
         move |incident| {
-            if !above || incident.rad().abs() >= FRAC_PI_2 {
+            if incident.rad().abs() >= FRAC_PI_2 {
                 return None;
             }
-            Self::of_halves((0.5 * incident.rad()).sin_cos(), half)
+            of_half((0.5 * incident.rad()).sin_cos())
         }
+    }
+
+    /// The same by sine and cosine of half the incident angle, for those who have them.
+    pub(crate) fn towards_of_half(exitant: LocalAngle) -> impl Fn((f64, f64)) -> Option<Self> {
+        let above = exitant.rad().abs() < FRAC_PI_2;
+        let half = (0.5 * exitant.rad()).sin_cos();
+        move |incident| above.then(|| Self::of_halves(incident, half)).flatten()
     }
 
     /// By sine and cosine of half the incident and of half the exitant angle.
@@ -137,6 +143,12 @@ impl Pair {
 pub trait Isotropic: Brdf {
     /// The 3-D BRDF without its delta part, sr⁻¹, no cosine in it.
     fn rho(&self, pair: &Pair) -> f64;
+
+    /// [`Self::rho`] of many pairs, one after another into `rho`.
+    fn rho_of_all(&self, pairs: &[Pair], rho: &mut Vec<f64>) {
+        rho.clear();
+        rho.extend(pairs.iter().map(|pair| self.rho(pair)));
+    }
 }
 
 /// The in-plane slice of the 3-D form: the body of every model's [`Brdf::value`].

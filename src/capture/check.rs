@@ -26,6 +26,15 @@ const WIDE_GAP_DEG: f64 = 90.0;
 /// numbers on the dial are rounded by up to 7 %.
 const TIME_DIFFERENCE: f64 = 0.1;
 
+/// ISO sensitivities and apertures that run over more than this factor are warned of: a setting is one of steps of a tenth or more, and what is
+/// written of one setting differs by rounding alone.
+const SETTING_CHANGE: f64 = 1.01;
+
+/// Steps of an even orbit that may be missing from the full circle, or from a numbering, for photos to be taken for missing: a
+/// longer gap is meant.
+const MOST_MISSING: f64 = 3.0;
+const MOST_SKIPPED: u64 = 10;
+
 /// The object's width in parts of the photo's beyond which the description is doubted.
 const MOST_WIDE: f64 = 1.3;
 const LEAST_WIDE: f64 = 0.05;
@@ -115,7 +124,7 @@ pub fn check(capture: &Capture) -> Findings {
         let mut values: Vec<f64> = known().filter_map(|(_, _, i)| value(i)).collect();
         values.sort_by(f64::total_cmp);
         if let (Some(low), Some(high)) = (values.first(), values.last())
-            && high / low > 1.01
+            && high / low > SETTING_CHANGE
         {
             findings.warnings.push(format!(
                 "the photos' {what} runs from {low} to {high}: radiances are comparable only at one setting"
@@ -334,7 +343,7 @@ fn gaps(capture: &Capture) -> Vec<String> {
         for pair in numbers.windows(2) {
             let stride = pair[1].0.abs_diff(pair[0].0);
             // Steps that are no multiple of the usual one are no numbering.
-            if usual > 0 && stride > usual && stride % usual == 0 && stride <= 10 * usual {
+            if usual > 0 && stride > usual && stride % usual == 0 && stride <= MOST_SKIPPED * usual {
                 warnings.push(format!(
                     "the files jump from \"{}\" to \"{}\" and their angles do not: if {} missing, all views from there on stand too early; list them with [[view]]",
                     pair[0].1.display(),
@@ -348,7 +357,7 @@ fn gaps(capture: &Capture) -> Vec<String> {
         }
     }
     let short = 360.0 - orbits.len() as f64 * step.abs();
-    if short.abs() > 1e-6 * 360.0 && short <= 3.0 * step.abs() && short > -step.abs() {
+    if short.abs() > 1e-6 * 360.0 && short <= MOST_MISSING * step.abs() && short > -step.abs() {
         warnings.push(format!(
             "{} views {:.4} degrees apart make {:.2} degrees, not 360: is a photo missing, or orbit_step_deg another?",
             orbits.len(),

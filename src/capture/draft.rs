@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::to_toml::{path as toml_path, quoted};
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::photo::{self, Format, Info, Storage, natural_order};
 
 /// A description to start from.
@@ -55,6 +55,8 @@ pub fn draft(folder: &Path) -> Result<Draft> {
     for (file, info) in read {
         match info {
             Ok(info) => photos.push(Found { file, info }),
+            // The photo may be sound: a draft without it would be of another set.
+            Err(error) if error.kind() == Kind::Failed => return Err(error),
             Err(error) => warnings.push(format!(
                 "\"{}\" is left out: {}",
                 file.display(),

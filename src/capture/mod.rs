@@ -138,6 +138,18 @@ pub struct ResponseCurve {
     pub linear: Vec<Vec<f64>>,
     /// Standard deviations of the linear values, \[channel\]\[row\].
     pub sigma: Vec<Vec<f64>>,
+    /// Exposure times as stated, seconds, in increasing order, and the factors to be multiplied with that were found along
+    /// with the curve.
+    pub times: Vec<(f64, f64)>,
+}
+
+impl ResponseCurve {
+    /// The factor of a stated exposure time; 1 if it was not among those that the curve was found from.
+    pub fn time_factor(&self, stated: f64) -> f64 {
+        let same = |t: f64| (t / stated).ln().abs() < 1e-3;
+        let found = self.times.iter().find(|(t, _)| same(*t));
+        found.map_or(1.0, |(_, factor)| *factor)
+    }
 }
 
 /// One camera position.

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use flatlight::batch::{self, Options, csv, find_sets};
 use flatlight::pipeline::Recipe;
-use flatlight::{Error, Result, report};
+use flatlight::{Error, Result, files, report};
 
 use super::progress::Bars;
-use super::{Common, file, say};
+use super::{Common, say};
 
 /// Runs all sets, writes the table and the page; fails at the end if any set failed.
 pub fn run(
@@ -26,11 +26,10 @@ pub fn run(
         force,
         strict: common.strict,
     };
-    std::fs::create_dir_all(&out).map_err(|e| Error::write(&out, e))?;
+    let _claim = files::claim(&out)?;
     let bars = Bars::new(common.quiet);
     let outcomes = batch::run(&sets, recipe_file, &out, &options, &report::page, &bars)?;
     drop(bars);
-    file::write(&out.join("summary.csv"), csv(&outcomes).as_bytes())?;
     let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
     let title = recipe
         .title
@@ -38,7 +37,10 @@ pub fn run(
         .or_else(|| name(folder))
         .unwrap_or_else(|| "Batch".into());
     let page = report::batch(&title, &recipe.to_toml(), &outcomes)?;
-    file::write(&out.join("report.html"), page.as_bytes())?;
+    files::write_together(&[
+        (out.join("summary.csv"), csv(&outcomes)),
+        (out.join("report.html"), page),
+    ])?;
 
     let failed: Vec<String> = outcomes
         .iter()

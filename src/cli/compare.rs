@@ -1,13 +1,13 @@
 //! `flatlight compare`: two products, and how far they differ.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use flatlight::compare::{self, AGREE, ChannelComparison, Comparison, Options};
 use flatlight::report::number::{percent, short};
-use flatlight::{Error, Result, report};
+use flatlight::{Error, Result, files, report};
 
-use super::{Common, file, say};
+use super::{Common, say};
 
 /// What is compared, and how.
 #[derive(Args, Clone, Debug)]
@@ -66,14 +66,16 @@ pub fn compare(wanted: &Arguments, common: &Common) -> Result<()> {
         tolerance: wanted.tolerance,
     };
     let compared = compare::compare_paths(&wanted.first, &wanted.second, &options)?;
+    let mut files = Vec::new();
     if let Some(out) = &wanted.out {
-        write(out, &compared)?;
+        files.push((out.clone(), table(&compared)?));
     }
     if let Some(page) = &wanted.report {
         let names = [&wanted.first, &wanted.second].map(|p| p.display().to_string());
         let names = [names[0].as_str(), names[1].as_str()];
-        file::write(page, report::comparison(names, &compared)?.as_bytes())?;
+        files.push((page.clone(), report::comparison(names, &compared)?));
     }
+    files::write_together(&files)?;
     let mut differing = Vec::new();
     for (name, comparison) in &compared {
         say::result(common, &format!("{name}\n{}", text(comparison)));
@@ -93,14 +95,14 @@ pub fn compare(wanted: &Arguments, common: &Common) -> Result<()> {
     }
 }
 
-fn write(out: &Path, compared: &[(String, Comparison)]) -> Result<()> {
+fn table(compared: &[(String, Comparison)]) -> Result<String> {
     let [(_, comparison)] = compared else {
         return Err(Error::input(
             "expected two single products for the table of differences, found two folders",
         )
         .key("--out"));
     };
-    file::write(out, comparison.csv().as_bytes())
+    Ok(comparison.csv())
 }
 
 fn text(comparison: &Comparison) -> String {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use flatlight::export::{self, Format};
 use flatlight::pipeline::Folder;
-use flatlight::{Error, Result};
+use flatlight::{Error, Result, files};
 
 use super::{Common, say};
 
@@ -49,11 +49,16 @@ enum Form {
 
 /// Writes the forms that are asked for; those that the run cannot fill are an error after the others are written.
 pub fn run(wanted: &Arguments, common: &Common) -> Result<()> {
-    let run = Folder::new(&wanted.run).read()?;
+    let folder = Folder::new(&wanted.run);
+    let _run = wanted.run.is_dir().then(|| folder.share()).transpose()?;
+    let run = folder.read()?;
     let out: &Path = &wanted
         .out
         .clone()
         .unwrap_or_else(|| wanted.run.join("export"));
+    let _claim = is_other(out, &wanted.run)
+        .then(|| files::claim(out))
+        .transpose()?;
     let mut failed = Vec::new();
     for form in &wanted.to {
         let format = match form {
@@ -77,4 +82,10 @@ pub fn run(wanted: &Arguments, common: &Common) -> Result<()> {
         }
     }
     Error::all(failed).map_or(Ok(()), Err)
+}
+
+/// Whether two paths are not the same folder.
+fn is_other(a: &Path, b: &Path) -> bool {
+    let whole = |path: &Path| std::fs::canonicalize(path).ok();
+    whole(a).is_none_or(|a| Some(a) != whole(b))
 }

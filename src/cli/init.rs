@@ -1,10 +1,9 @@
 //! `flatlight init`: a first `capture.toml` for a folder of photos.
 
-use std::io::Write as _;
 use std::path::Path;
 
 use flatlight::capture::draft;
-use flatlight::{Error, Result};
+use flatlight::{Error, Result, files};
 
 use super::{Common, say};
 
@@ -20,13 +19,12 @@ pub fn run(folder: &Path, common: &Common) -> Result<()> {
         return Err(refuse());
     }
     let draft = draft(folder)?;
-    let mut open = std::fs::File::create_new(&file).map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists => refuse(),
-        _ => Error::write(&file, e),
-    })?;
-    open.write_all(draft.toml.as_bytes())
-        .and_then(|()| open.sync_all())
-        .map_err(|e| Error::write(&file, e))?;
+    // Another one that writes a description here meanwhile is refused, or was before this.
+    let _claim = files::claim(folder)?;
+    if file.exists() {
+        return Err(refuse());
+    }
+    files::write_whole(&file, draft.toml.as_bytes())?;
     for warning in &draft.warnings {
         say::warning(common, warning);
     }

@@ -4,24 +4,23 @@ use std::path::Path;
 use std::time::Instant;
 
 use flatlight::validate::paper::{STATEMENTS, recompute};
-use flatlight::{Error, Result, report};
+use flatlight::{Error, Result, files, report};
 
-use super::{Common, file, say};
+use super::{Common, say};
 
 /// Recomputes the paper, writes the page and the table, prints a summary; failed checks are an error.
 pub fn paper(out: &Path, common: &Common) -> Result<()> {
-    std::fs::create_dir_all(out).map_err(|e| Error::write(out, e))?;
+    let _claim = files::claim(out)?;
     let start = Instant::now();
     let paper = recompute()?;
     let seconds = start.elapsed().as_secs_f64();
     let page = out.join("paper.html");
-    file::write(&page, report::paper::page(&paper)?.as_bytes())?;
-    file::write(
-        &out.join("paper.csv"),
-        report::paper::csv(&paper).as_bytes(),
-    )?;
+    files::write_together(&[
+        (page.clone(), report::paper::page(&paper)?),
+        (out.join("paper.csv"), report::paper::csv(&paper)),
+    ])?;
     if !common.quiet && common.log == say::Log::Text {
-        println!("equation     checks  worst difference/tolerance  result");
+        say::print("equation     checks  worst difference/tolerance  result\n");
         for statement in &STATEMENTS {
             let checks = || {
                 let all = paper.checks.iter();
@@ -30,8 +29,8 @@ pub fn paper(out: &Path, common: &Common) -> Result<()> {
             // A check that must be exact has the tolerance 0.
             let share = |d: f64, t: f64| if d == 0.0 { 0.0 } else { d / t };
             let worst = checks().map(|c| share(c.difference, c.tolerance));
-            println!(
-                "{:<12} {:>6}  {:>26.2e}  {}",
+            say::print(&format!(
+                "{:<12} {:>6}  {:>26.2e}  {}\n",
                 statement.equation,
                 checks().count(),
                 worst.fold(0.0, f64::max),
@@ -40,7 +39,7 @@ pub fn paper(out: &Path, common: &Common) -> Result<()> {
                 } else {
                     "FAIL"
                 }
-            );
+            ));
         }
     }
     let failed: Vec<String> = paper

@@ -133,8 +133,11 @@ pub fn prefilter(wanted: &Arguments, common: &Common) -> Result<()> {
         check(&made, &lighting, &material, &options, &mut told)?;
     }
     match common.log {
-        say::Log::Text => print!("{}", told.words(&made, wanted.tolerance, &wanted.out)),
-        say::Log::Json => println!("{}", told.json(&made, wanted.tolerance, &wanted.out)),
+        say::Log::Text => say::print(&told.words(&made, wanted.tolerance, &wanted.out)),
+        say::Log::Json => say::print(&format!(
+            "{}\n",
+            told.json(&made, wanted.tolerance, &wanted.out)
+        )),
     }
     let worst = told.tried.first().map_or(0.0, |t| t.error.unwrap_or(0.0));
     if worst > options.tolerance {

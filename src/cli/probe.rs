@@ -37,11 +37,11 @@ pub fn run(path: &Path, views: bool, common: &Common) -> Result<()> {
         say::warning(common, &text);
     }
     if !views && common.log == Log::Text {
-        println!("file,plane_roll_deg,light_deg,sigma_deg,orbit_deg,column_px,row_px,clipped");
+        say::print("file,plane_roll_deg,light_deg,sigma_deg,orbit_deg,column_px,row_px,clipped\n");
     }
     for (lights, file) in found.iter().zip(&files) {
         for light in lights {
-            println!("{}", line(light, file, views, common.log));
+            say::print(&format!("{}\n", line(light, file, views, common.log)));
         }
     }
     Ok(())

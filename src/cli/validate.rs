@@ -6,8 +6,8 @@ use flatlight::pipeline::Progress;
 use flatlight::validate::study::{self, Cell, Outcome, StudyFolder, StudyRecipe};
 use flatlight::{Error, Result, report};
 
-use super::Common;
 use super::progress::Bars;
+use super::{Common, say};
 
 /// A Monte-Carlo study: validation.csv and its report.
 pub fn validate(recipe_file: &Path, out: &Path, full: bool, common: &Common) -> Result<()> {
@@ -19,17 +19,15 @@ pub fn validate(recipe_file: &Path, out: &Path, full: bool, common: &Common) -> 
     let begin = |cell: &Cell, draws: usize| bars.stage(&cell.label(), draws);
     let cells = study::run(&plan, &folder, threads, &begin, &|| bars.step())?;
     drop(bars);
-    folder.product("validation.csv", &study::csv(&cells))?;
-    folder.product("recipe.toml", &recipe.text)?;
-    folder.product(
-        "report.html",
-        &report::validation(&recipe.title, &recipe.text, &cells)?,
-    )?;
+    let page = report::validation(&recipe.title, &recipe.text, &cells)?;
+    folder.products(&[
+        ("validation.csv", study::csv(&cells)),
+        ("recipe.toml", recipe.text.clone()),
+        ("report.html", page),
+    ])?;
     let failed: Vec<String> = cells.iter().filter_map(failure).collect();
-    if !common.quiet {
-        for warning in &failed {
-            eprintln!("warning: {warning}");
-        }
+    for warning in &failed {
+        say::warning(common, warning);
     }
     if common.strict && !failed.is_empty() {
         return Err(Error::failed(format!(
@@ -38,9 +36,10 @@ pub fn validate(recipe_file: &Path, out: &Path, full: bool, common: &Common) -> 
         )));
     }
     for (cell, outcome) in &cells {
-        println!("{}", line(cell, outcome));
+        say::result(common, &line(cell, outcome));
     }
-    println!("open {}", out.join("report.html").display());
+    let page = out.join("report.html");
+    say::result(common, &format!("open {}", page.display()));
     Ok(())
 }
 

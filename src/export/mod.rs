@@ -13,13 +13,11 @@ mod surface;
 
 pub use surface::{Layer, Surface};
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
-
-use atomic_write_file::AtomicWriteFile;
 
 use crate::brdf::{Axis, SliceTable};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::pipeline::Run;
 
 /// A form to write results in.
@@ -58,18 +56,13 @@ pub fn export(run: &Run, format: Format, folder: &Path) -> Result<Vec<PathBuf>> 
             vec![("brdf_astm.csv", text.into_bytes())]
         }
     };
-    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-    let mut written = Vec::new();
-    for (name, bytes) in files {
-        let path = folder.join(name);
-        let attempt = || -> std::io::Result<()> {
-            let mut target = AtomicWriteFile::open(&path)?;
-            target.write_all(&bytes)?;
-            target.commit()
-        };
-        attempt().map_err(|e| Error::write(&path, e))?;
-        written.push(path);
-    }
+    files::make_folder(folder)?;
+    let files: Vec<(PathBuf, Vec<u8>)> = files
+        .into_iter()
+        .map(|(name, bytes)| (folder.join(name), bytes))
+        .collect();
+    files::write_together(&files)?;
+    let mut written: Vec<PathBuf> = files.into_iter().map(|(path, _)| path).collect();
     if format == Format::Blender {
         written.push(light::environment(run, &folder.join("environment.exr"))?);
     }

@@ -4,6 +4,7 @@
 //! whatever the first sample of a table is. FFT libraries are unnormalised and start at angle 0; the
 //! factor and the shift between the two are applied here only.
 
+pub mod irregular;
 mod series;
 mod transform;
 

@@ -5,8 +5,6 @@
 //! the rows that agree with each other (least trimmed squares: P. J. Rousseeuw, "Least median of squares
 //! regression", J. Am. Stat. Assoc. 79 (1984)), without those far off. Stations that agree are not touched.
 
-use pulp::Simd;
-
 use super::strip::Sums;
 
 /// Stations of one neighbourhood.
@@ -60,29 +58,58 @@ pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
         .collect()
 }
 
+/// Rows that are worked on side by side, and summed in this order whatever the processor has: rows of equal values on both
+/// sides of the line are equally far off but for rounding.
+const LANES: usize = 4;
+
+/// Guesses of a ranked value, and ranks that are left over to go one by one.
+const GUESSES: usize = 8;
+const NEAR: usize = 3;
+
 /// The rows of one station: their distances from the line, values and variances.
 #[derive(Default)]
 pub(super) struct Rows {
     t: Vec<f64>,
     value: Vec<f64>,
     variance: Vec<f64>,
-    /// Distances from the curve through the trusted rows.
+    /// Distances from the curve through the trusted rows; endless for what fills up the last [`LANES`].
     distance: Vec<f64>,
     /// 1 for a trusted row, 0 for others.
     trusted: Vec<f64>,
 }
 
-impl Rows {
-    pub(super) fn clear(&mut self) {
-        self.t.clear();
-        self.value.clear();
-        self.variance.clear();
-    }
+/// A list as whole [`LANES`].
+fn lanes(list: &[f64]) -> &[[f64; LANES]] {
+    list.as_chunks().0
+}
 
-    pub(super) fn push(&mut self, t: f64, value: f64, variance: f64) {
-        self.t.push(t);
-        self.value.push(value);
-        self.variance.push(variance);
+fn lanes_mut(list: &mut [f64]) -> &mut [[f64; LANES]] {
+    list.as_chunks_mut().0
+}
+
+impl Rows {
+    /// Takes rows in place of those before: each is a distance from the line, value, variance, and whether it is there; at most
+    /// `most`.
+    pub(super) fn take(&mut self, most: usize, rows: impl Iterator<Item = ([f64; 3], bool)>) {
+        for list in [&mut self.t, &mut self.value, &mut self.variance] {
+            list.resize(most, 0.0);
+        }
+        let mut count = 0;
+        let places = (&mut self.t, &mut self.value, &mut self.variance);
+        for (row, there) in rows.take(most) {
+            // What is not there is overwritten by what comes next.
+            if let (Some(t), Some(value), Some(variance)) = (
+                places.0.get_mut(count),
+                places.1.get_mut(count),
+                places.2.get_mut(count),
+            ) {
+                [*t, *value, *variance] = row;
+            }
+            count += usize::from(there);
+        }
+        for list in [&mut self.t, &mut self.value, &mut self.variance] {
+            list.truncate(count);
+        }
     }
 
     /// The sums over the rows that agree, if any do not.
@@ -91,21 +118,32 @@ impl Rows {
     }
 
     #[inline(always)]
-    fn trimmed<S: Simd>(&mut self, simd: S) -> Option<Sums> {
+    fn trimmed(&mut self) -> Option<Sums> {
         let count = self.t.len();
         let sound = ((count as f64 * SOUND) as usize).max(5);
         if count <= sound {
             return None;
         }
-        let median = nth(simd, &self.value, count / 2);
-        self.distance.clear();
-        self.distance
-            .extend(self.value.iter().map(|v| (v - median).abs()));
+        let whole = count.next_multiple_of(LANES);
+        self.distance.clone_from(&self.value);
+        self.distance.resize(whole, f64::INFINITY);
+        for list in [&mut self.t, &mut self.value, &mut self.variance] {
+            list.resize(whole, 0.0);
+        }
+        let median = Ranked::among(lanes(&self.distance), count / 2).value;
+        for d in &mut self.distance[..count] {
+            *d = (*d - median).abs();
+        }
         self.trusted.clear();
-        self.trusted.resize(count, 0.0);
+        self.trusted.resize(whole, 0.0);
         let mut scale = 0.0;
-        for _ in 0..STEPS {
-            if !self.trust(simd, sound) {
+        let mut limit = Ranked::among(lanes(&self.distance), sound - 1);
+        for step in 0..STEPS {
+            if step > 0 {
+                // Not far from where it was.
+                limit = Ranked::from(lanes(&self.distance), sound - 1, limit.value);
+            }
+            if !self.trust(sound, limit) {
                 break;
             }
             let sums = self.sums();
@@ -113,116 +151,231 @@ impl Rows {
             let stated = sums.variance / f64::from(sums.count);
             scale = (TRIMMED * trimmed.residual / f64::from(trimmed.freedom.max(1))).max(stated);
             let k = super::strip::PIXEL_VARIANCE;
-            for ((distance, t), value) in self.distance.iter_mut().zip(&self.t).zip(&self.value) {
-                *distance = (value - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
+            let rows = lanes(&self.t).iter().zip(lanes(&self.value));
+            for (distance, (t, value)) in lanes_mut(&mut self.distance).iter_mut().zip(rows) {
+                for lane in 0..LANES {
+                    let t = t[lane];
+                    distance[lane] =
+                        (value[lane] - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
+                }
             }
+            self.distance[count..].fill(f64::INFINITY);
         }
         let limit = OFF * scale.sqrt();
-        let mut kept = 0;
-        for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
-            let near = *d <= limit;
-            kept += usize::from(near);
-            *trusted = if near { 1.0 } else { 0.0 };
+        let mut kept = [0.0; LANES];
+        let trusted = lanes_mut(&mut self.trusted).iter_mut();
+        for (trusted, d) in trusted.zip(lanes(&self.distance)) {
+            for lane in 0..LANES {
+                trusted[lane] = if d[lane] <= limit { 1.0 } else { 0.0 };
+                kept[lane] += trusted[lane];
+            }
         }
+        let kept = kept.iter().sum::<f64>() as usize;
         (kept >= sound && kept < count).then(|| self.sums())
     }
 
     /// Trusts the `sound` rows nearest to the curve; whether these are others than before.
     #[inline(always)]
-    fn trust<S: Simd>(&mut self, simd: S, sound: usize) -> bool {
-        let limit = nth(simd, &self.distance, sound - 1);
-        let (below, _) = counts(simd, &self.distance, limit);
-        // Among equally distant rows the first ones, so that there are `sound` of them.
-        let mut ties = sound.saturating_sub(below);
+    fn trust(&mut self, sound: usize, limit: Ranked) -> bool {
         let mut changed = false;
+        if limit.below + limit.equal == sound {
+            let mut others = [0.0; LANES];
+            let trusted = lanes_mut(&mut self.trusted).iter_mut();
+            for (trusted, d) in trusted.zip(lanes(&self.distance)) {
+                for lane in 0..LANES {
+                    let now = if d[lane] <= limit.value { 1.0 } else { 0.0 };
+                    others[lane] += f64::abs(now - trusted[lane]);
+                    trusted[lane] = now;
+                }
+            }
+            return others.iter().sum::<f64>() > 0.0;
+        }
+        // Among equally distant rows the first ones, so that there are `sound` of them.
+        let mut ties = sound.saturating_sub(limit.below);
         for (trusted, d) in self.trusted.iter_mut().zip(&self.distance) {
-            let tied = *d == limit && ties > 0;
+            let tied = *d == limit.value && ties > 0;
             ties -= usize::from(tied);
-            let now = if *d < limit || tied { 1.0 } else { 0.0 };
+            let now = if *d < limit.value || tied { 1.0 } else { 0.0 };
             changed |= *trusted != now;
             *trusted = now;
         }
         changed
     }
 
-    /// The sums over the trusted rows, added in their order: rows of equal values on both sides of the line are equally
-    /// far off but for rounding.
+    /// The sums over the trusted rows.
     #[inline(always)]
     fn sums(&self) -> Sums {
-        let mut sums = Sums::default();
-        let rows = self.t.iter().zip(&self.value).zip(&self.variance);
-        for (((&t, &value), variance), trusted) in rows.zip(&self.trusted) {
-            if *trusted > 0.0 {
+        // Count, Σ t … t⁴, Σ v, Σ v t, Σ v t², Σ v², Σ variance.
+        let mut sums = [[0.0; LANES]; 10];
+        let [t, value, variance, trusted] =
+            [&self.t, &self.value, &self.variance, &self.trusted].map(|list| lanes(list));
+        for (((t, value), variance), trusted) in t.iter().zip(value).zip(variance).zip(trusted) {
+            for lane in 0..LANES {
+                // What is not trusted adds zeros.
+                let used = trusted[lane] > 0.0;
+                let one = if used { 1.0 } else { 0.0 };
+                let t = if used { t[lane] } else { 0.0 };
+                let v = if used { value[lane] } else { 0.0 };
+                let s = if used { variance[lane] } else { 0.0 };
                 let t2 = t * t;
-                sums.count += 1;
-                for (sum, power) in sums.powers.iter_mut().zip([1.0, t, t2, t2 * t, t2 * t2]) {
-                    *sum += power;
+                let terms = [one, t, t2, t2 * t, t2 * t2, v, v * t, v * t2, v * v, s];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    sum[lane] += term;
                 }
-                for (sum, power) in sums.values.iter_mut().zip([1.0, t, t2]) {
-                    *sum += value * power;
-                }
-                sums.square += value * value;
-                sums.variance += variance;
             }
         }
-        sums
+        let [n, p1, p2, p3, p4, v0, v1, v2, square, variance] =
+            sums.map(|lanes| lanes.iter().sum::<f64>());
+        Sums {
+            count: n as u32,
+            powers: [n, p1, p2, p3, p4],
+            values: [v0, v1, v2],
+            square,
+            variance,
+        }
     }
 }
 
-/// The work of [`Rows::without_dust`], with the processor's widest instructions.
+/// The work of [`Rows::without_dust`], for the processor's widest instructions.
 struct WithoutDust<'a>(&'a mut Rows);
 
-impl pulp::WithSimd for WithoutDust<'_> {
+impl pulp::NullaryFnOnce for WithoutDust<'_> {
     type Output = Option<Sums>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Option<Sums> {
-        self.0.trimmed(simd)
+    fn call(self) -> Option<Sums> {
+        self.0.trimmed()
     }
 }
 
-/// How many values are below the pivot, and how many are equal to it.
-#[inline(always)]
-fn counts<S: Simd>(simd: S, values: &[f64], pivot: f64) -> (usize, usize) {
-    let (vectors, rest) = S::as_simd_f64s(values);
-    let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-    let at = simd.splat_f64s(pivot);
-    let (mut below, mut equal) = (zero, zero);
-    for &v in vectors {
-        below = simd.add_f64s(
-            below,
-            simd.select_f64s(simd.less_than_f64s(v, at), one, zero),
-        );
-        equal = simd.add_f64s(equal, simd.select_f64s(simd.equal_f64s(v, at), one, zero));
-    }
-    let count = |of: &dyn Fn(&f64) -> bool| rest.iter().filter(|v| of(v)).count();
-    (
-        simd.reduce_sum_f64s(below) as usize + count(&|v| *v < pivot),
-        simd.reduce_sum_f64s(equal) as usize + count(&|v| *v == pivot),
-    )
+/// A value among others, how many of them are below it, and how many are equal to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ranked {
+    value: f64,
+    below: usize,
+    equal: usize,
 }
 
-/// The value of rank `n` (from 0) by counting: on some dozens of values faster than moving them about.
-#[inline(always)]
-fn nth<S: Simd>(simd: S, values: &[f64], n: usize) -> f64 {
-    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-    for &pivot in values {
-        if !(pivot > low && pivot < high) {
-            continue;
+impl Ranked {
+    #[inline(always)]
+    fn of(values: &[[f64; LANES]], value: f64) -> Self {
+        let (mut below, mut equal) = ([0.0; LANES], [0.0; LANES]);
+        for lanes in values {
+            for lane in 0..LANES {
+                below[lane] += if lanes[lane] < value { 1.0 } else { 0.0 };
+                equal[lane] += if lanes[lane] == value { 1.0 } else { 0.0 };
+            }
         }
-        let (below, equal) = counts(simd, values, pivot);
-        if below > n {
-            high = pivot;
-        } else if below + equal > n {
-            return pivot;
-        } else {
-            low = pivot;
+        Self {
+            value,
+            below: below.iter().sum::<f64>() as usize,
+            equal: equal.iter().sum::<f64>() as usize,
         }
     }
-    // Values that are not finite.
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(n).copied().unwrap_or(f64::NAN)
+
+    /// Whether it has this rank (from 0).
+    fn is(&self, rank: usize) -> bool {
+        self.below <= rank && rank < self.below + self.equal
+    }
+
+    /// The value of a rank by counting: on some dozens of values faster than moving them about.
+    #[inline(always)]
+    fn among(values: &[[f64; LANES]], rank: usize) -> Self {
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for &pivot in values.as_flattened() {
+            if !(pivot > low && pivot < high) {
+                continue;
+            }
+            let found = Self::of(values, pivot);
+            if found.below > rank {
+                high = pivot;
+            } else if found.is(rank) {
+                return found;
+            } else {
+                low = pivot;
+            }
+        }
+        // Values that are not finite.
+        let mut sorted = values.as_flattened().to_vec();
+        sorted.sort_by(f64::total_cmp);
+        Self::of(values, sorted.get(rank).copied().unwrap_or(f64::NAN))
+    }
+
+    /// The same among values from 0 on, from a guess: between two values whose ranks lie on both sides by linear interpolation, and the
+    /// last few ranks one by one.
+    #[inline(always)]
+    fn from(values: &[[f64; LANES]], rank: usize, guess: f64) -> Self {
+        // A value and how many are not above it; a value and how many are below it.
+        let (mut low, mut not_above) = (-1.0, 0);
+        let mut high: Option<(f64, usize)> = None;
+        let mut guess = guess;
+        for _ in 0..GUESSES {
+            let found = Self::of(values, guess);
+            if found.is(rank) {
+                return found;
+            }
+            if found.below > rank {
+                high = Some((guess, found.below));
+            } else {
+                (low, not_above) = (guess, found.below + found.equal);
+            }
+            let (up, down) = (rank + 1 - not_above, high.map(|(_, below)| below - rank));
+            if up <= NEAR || down.is_some_and(|down| down <= NEAR) {
+                let upwards = down.is_none_or(|down| up <= down);
+                let (mut value, steps) = match high {
+                    Some((high, below)) if !upwards => (high, below - rank),
+                    _ => (low, up),
+                };
+                for _ in 0..steps {
+                    value = if upwards {
+                        next_above(values, value)
+                    } else {
+                        next_below(values, value)
+                    };
+                }
+                // Among equal values steps are longer than ranks.
+                let found = Self::of(values, value);
+                if found.is(rank) {
+                    return found;
+                }
+                break;
+            }
+            guess = match high {
+                Some((high, below)) => {
+                    let share = (rank as f64 + 0.5 - not_above as f64) / (below - not_above) as f64;
+                    low + (high - low) * share
+                }
+                None => 1.5 * guess,
+            };
+        }
+        Self::among(values, rank)
+    }
+}
+
+/// The least of the values above another.
+#[inline(always)]
+fn next_above(values: &[[f64; LANES]], value: f64) -> f64 {
+    let mut next = [f64::INFINITY; LANES];
+    for lanes in values {
+        for lane in 0..LANES {
+            let nearer = (lanes[lane] > value) & (lanes[lane] < next[lane]);
+            next[lane] = if nearer { lanes[lane] } else { next[lane] };
+        }
+    }
+    next.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// The largest of the values below another.
+#[inline(always)]
+fn next_below(values: &[[f64; LANES]], value: f64) -> f64 {
+    let mut next = [f64::NEG_INFINITY; LANES];
+    for lanes in values {
+        for lane in 0..LANES {
+            let nearer = (lanes[lane] < value) & (lanes[lane] > next[lane]);
+            next[lane] = if nearer { lanes[lane] } else { next[lane] };
+        }
+    }
+    next.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
 #[cfg(test)]
@@ -232,27 +385,41 @@ mod tests {
     /// Rows of one station with the noise of a fixed sequence.
     fn rows(off: impl Fn(usize) -> f64) -> Rows {
         let mut rows = Rows::default();
-        for i in 0..48 {
-            let t = i as f64 - 23.5;
-            let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
-            rows.push(t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5);
-        }
+        rows.take(
+            50,
+            (0..48).map(|i| {
+                let t = i as f64 - 23.5;
+                let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
+                ([t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5], true)
+            }),
+        );
         rows
     }
 
     #[test]
     fn counting_finds_what_sorting_finds() {
-        for length in 1..60 {
+        for length in 1..16 {
             // With repeated values.
-            let values: Vec<f64> = (0..length).map(|i| (i * 7919 % 23) as f64 - 9.0).collect();
-            let mut sorted = values.clone();
+            let value = |i: usize| (i * 7919 % 23) as f64 - 9.0;
+            let values: Vec<[f64; LANES]> = (0..length)
+                .map(|i| std::array::from_fn(|lane| value(LANES * i + lane)))
+                .collect();
+            let mut sorted = values.as_flattened().to_vec();
             sorted.sort_by(f64::total_cmp);
-            for (n, expected) in sorted.iter().enumerate() {
-                assert_eq!(nth(pulp::Scalar, &values, n), *expected);
+            for (rank, expected) in sorted.iter().enumerate() {
+                let found = Ranked::among(&values, rank);
+                assert!(found.value == *expected && found.is(rank));
+                // From any guess, where no value is below 0.
+                let above: Vec<[f64; LANES]> =
+                    values.iter().map(|lanes| lanes.map(|v| v + 9.0)).collect();
+                for guess in [0.0, 0.5, 3.0, 7.7, 13.0, 22.0, 30.0, f64::NAN] {
+                    let found = Ranked::from(&above, rank, guess);
+                    assert!(found.value == *expected + 9.0 && found.is(rank));
+                }
             }
         }
-        let endless = [f64::INFINITY, 1.0, f64::INFINITY];
-        assert_eq!(nth(pulp::Scalar, &endless, 1), f64::INFINITY);
+        let endless = [[f64::INFINITY, 1.0, f64::INFINITY, 2.0]];
+        assert_eq!(Ranked::among(&endless, 2).value, f64::INFINITY);
     }
 
     #[test]

@@ -1,20 +1,18 @@
 //! Light fields as EXR: float32, one channel per layer and colour, the axes in header attributes.
 
 use std::collections::BTreeMap;
-use std::io::Cursor;
 use std::path::Path;
 
 use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image,
-    ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2,
-    WritableImage,
+    AnyChannel, AnyChannels, AttributeValue, FlatSamples, Layer, LayerAttributes, SmallVec, Text,
+    Vec2,
 };
 
 use super::LightField;
 use super::header::sort_attributes;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::photo::ExrPart;
+use crate::photo::{ExrPart, rle_lines};
 
 /// One part of an EXR file: named float32 planes of one size.
 #[derive(Clone, Debug, Default)]
@@ -122,11 +120,9 @@ impl LightField {
 /// # Errors
 /// If a plane does not have its part's size, or a name cannot be written in EXR.
 pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
-    let mut bounds = Vec2(1, 1);
-    let mut layers: SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]> = SmallVec::new();
+    let mut layers = rle_lines::Layers::new();
     for part in parts {
         let [width, height] = part.size;
-        bounds = Vec2(bounds.0.max(width), bounds.1.max(height));
         let mut channels = SmallVec::new();
         for (name, values) in part.planes {
             if values.len() != width * height {
@@ -154,25 +150,12 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
             Vec2(width, height),
             attributes,
             // Most cells of a light field were never seen, and runs of zeros are all that there is to gain.
-            Encoding {
-                compression: Compression::RLE,
-                blocks: Blocks::ScanLines,
-                line_order: LineOrder::Increasing,
-            },
+            rle_lines::ENCODING,
             channels,
         ));
     }
-    let image = Image {
-        attributes: ImageAttributes::new(IntegerBounds::from_dimensions(bounds)),
-        layer_data: layers,
-    };
-    let mut bytes = Cursor::new(Vec::new());
-    image
-        .write()
-        .non_parallel()
-        .to_buffered(&mut bytes)
+    let mut bytes = rle_lines::encode(layers)
         .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))?;
-    let mut bytes = bytes.into_inner();
     sort_attributes(&mut bytes);
     Ok(bytes)
 }

@@ -10,7 +10,7 @@ const MULTI_PART: u8 = 0x10;
 
 /// Sorts the attributes of every part's header by name. Bytes that are not laid out as an EXR file are left
 /// as they are from the first such place on.
-pub(super) fn sort_attributes(bytes: &mut [u8]) {
+pub fn sort_attributes(bytes: &mut [u8]) {
     let parts = bytes.get(5).map_or(0, |flags| flags & MULTI_PART) != 0;
     let mut start = START;
     // An empty header ends the headers of a file with several parts.

@@ -16,6 +16,7 @@ pub use direction::runs_backwards;
 pub use field::LightField;
 pub use file::{Part, encode};
 pub use gridding::grid;
+pub use header::sort_attributes;
 pub use jitter::{Jitter, jitter};
 pub use line::{MeasuredLine, ViewSample, automatic_limb_cut};
 pub use samples::{Column, Gathered, Samples, Systematic, gather};

@@ -291,15 +291,17 @@ fn leave_dust_out(
             .collect();
         for k in dust::suspicious(&scatter) {
             let (height, reach) = lines[k];
-            rows.clear();
-            for row in radiance.rows.clone() {
-                let at = (row - radiance.rows.start) as usize * width + first + k;
+            let near = rows_within(radiance, &lines[k..=k]);
+            let at = (near.start - radiance.rows.start) as usize * width + first + k;
+            let values = radiance.value[c].get(at..).unwrap_or(&[]).iter();
+            let variances = radiance.variance[c].get(at..).unwrap_or(&[]).iter();
+            let pixels = values.step_by(width).zip(variances.step_by(width));
+            let row = |(row, (value, variance)): (u32, (&f32, &f32))| {
                 let t = f64::from(row) + 0.5 - height;
-                let variance = f64::from(radiance.variance[c][at]);
-                if t.abs() <= reach && variance.is_finite() {
-                    rows.push(t, f64::from(radiance.value[c][at]), variance);
-                }
-            }
+                let there = (t.abs() <= reach) & variance.is_finite();
+                ([t, f64::from(*value), f64::from(*variance)], there)
+            };
+            rows.take(near.len(), near.zip(pixels).map(row));
             if let Some(kept) = rows.without_dust() {
                 sums[k * channels + c] = kept;
                 fits[k * channels + c] = kept.fit();
@@ -339,12 +341,10 @@ pub fn along_line(
             let mut right = nalgebra::Vector4::<f64>::zeros();
             let mut used = Vec::new();
             for row in y.clone() {
-                for u in x.clone() {
+                let below = f64::from(row) + 0.5 - position[1];
+                for u in near_line(position[0], below, tangent, reach, &x) {
                     let at = (row - radiance.rows.start) as usize * width + u;
-                    let d = [
-                        u as f64 + 0.5 - position[0],
-                        f64::from(row) + 0.5 - position[1],
-                    ];
+                    let d = [u as f64 + 0.5 - position[0], below];
                     let s = d[0] * tangent[0] + d[1] * tangent[1];
                     let t = d[0] * tangent[1] - d[1] * tangent[0];
                     let variance = f64::from(radiance.variance[c][at]);
@@ -383,6 +383,33 @@ pub fn along_line(
     all
 }
 
+/// The columns among `columns` that [`along_line`] may use of a row `below` a station at `place`: those less than a pixel along the line
+/// and within reach across it, and at most one more at each end.
+fn near_line(
+    place: f64,
+    below: f64,
+    tangent: [f64; 2],
+    reach: f64,
+    columns: &Range<usize>,
+) -> Range<usize> {
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    // |aside · x + below · y| ≤ largest
+    for ([x, y], largest) in [(tangent, 1.0), ([tangent[1], -tangent[0]], reach)] {
+        if x.abs() > 1e-6 {
+            let (middle, half) = (-below * y / x, largest / x.abs());
+            low = low.max(middle - half);
+            high = high.min(middle + half);
+        }
+    }
+    let column = |aside: f64| {
+        let at = place + aside - 0.5;
+        at.clamp(columns.start as f64, columns.end as f64)
+    };
+    let first = column(low).floor() as usize;
+    let last = (column(high).ceil() as usize + 1).min(columns.end);
+    first..last.max(first)
+}
+
 /// From sums to stations; where the noise is not known it is taken from the rows' scatter about the
 /// fit, pooled over neighbouring stations, and the file's quantisation (which rows share) is added in full.
 fn stations(sums: &[Sums], fits: &[Option<Fit>], channels: usize, noise_known: bool) -> Stations {
@@ -415,6 +442,29 @@ fn stations(sums: &[Sums], fits: &[Option<Fit>], channels: usize, noise_known: b
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_pixel_near_a_line_is_passed_over() {
+        let columns = 3..60;
+        for degrees in [0.0, 0.01, 0.1, 3.0, 30.0, 45.0, 80.0, 89.99, 90.0, -60.0] {
+            let (y, x) = f64::to_radians(degrees).sin_cos();
+            for reach in [1.0, 6.5, 20.0] {
+                for place in [2.2, 30.0, 30.49, 58.7] {
+                    for below in [-21.0, -6.3, -0.5, 0.0, 0.99, 7.5, 19.0] {
+                        let near = near_line(place, below, [x, y], reach, &columns);
+                        let used = columns.clone().filter(|u| {
+                            let aside = *u as f64 + 0.5 - place;
+                            let (s, t) = (aside * x + below * y, aside * y - below * x);
+                            s.abs() < 1.0 && t.abs() <= reach
+                        });
+                        for u in used {
+                            assert!(near.contains(&u), "{degrees} {reach} {place} {below} {u}");
+                        }
+                    }
+                }
+            }
+        }
+    }
 
     fn image(height: u32, f: impl Fn(f64, f64) -> f64) -> Radiance {
         let width = 32u32;

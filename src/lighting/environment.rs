@@ -26,7 +26,8 @@ use serde::{Deserialize, Serialize};
 use super::Lighting;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::photo::{self, ExrPart, Format};
+use crate::light_field::sort_attributes;
+use crate::photo::{self, ExrPart, Format, rle_lines};
 
 /// A lat-long map of radiance, W m⁻² sr⁻¹.
 #[derive(Clone, Debug, PartialEq)]
@@ -262,14 +263,16 @@ pub fn write_lat_long(file: &Path, lighting: &Lighting) -> Result<()> {
         ..openexr::LayerAttributes::default()
     };
     // All but one row of it is black.
-    write_compressed(
-        file,
+    let layer = layer(
         [WIDTH, HEIGHT],
         &lighting.channels,
         planes,
         attributes,
-        openexr::Compression::RLE,
-    )
+        rle_lines::ENCODING,
+    );
+    let bytes =
+        rle_lines::encode([layer].into_iter().collect()).map_err(|e| Error::write(file, e))?;
+    files::write_whole(file, &bytes)
 }
 
 /// Writes 32-bit planes of `size` (width, height), one per channel, as one EXR file, whole or not at
@@ -281,45 +284,33 @@ pub(crate) fn write_planes(
     planes: Vec<Vec<f32>>,
     attributes: openexr::LayerAttributes,
 ) -> Result<()> {
-    let zip = openexr::Compression::ZIP16;
-    write_compressed(file, size, channels, planes, attributes, zip)
+    let encoding = openexr::Encoding {
+        compression: openexr::Compression::ZIP16,
+        ..rle_lines::ENCODING
+    };
+    let image = openexr::Image::from_layer(layer(size, channels, planes, attributes, encoding));
+    let mut bytes = Cursor::new(Vec::new());
+    image
+        .write()
+        .to_buffered(&mut bytes)
+        .map_err(|e| Error::write(file, e))?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    files::write_whole(file, &bytes)
 }
 
-fn write_compressed(
-    file: &Path,
-    size: [usize; 2],
+fn layer(
+    [width, height]: [usize; 2],
     channels: &[String],
     planes: Vec<Vec<f32>>,
     attributes: openexr::LayerAttributes,
-    compression: openexr::Compression,
-) -> Result<()> {
-    let [width, height] = size;
-    let channels: openexr::AnyChannels<openexr::FlatSamples> = openexr::AnyChannels::sort(
-        channels
-            .iter()
-            .zip(planes)
-            .map(|(name, plane)| {
-                openexr::AnyChannel::new(name.as_str(), openexr::FlatSamples::F32(plane))
-            })
-            .collect(),
-    );
-    let encoding = openexr::Encoding {
-        compression,
-        blocks: openexr::Blocks::ScanLines,
-        line_order: openexr::LineOrder::Increasing,
-    };
-    let layer = openexr::Layer::new((width, height), attributes, encoding, channels);
-    let image = openexr::Image::from_layer(layer);
-    let mut bytes = Cursor::new(Vec::new());
-    let writer = match compression {
-        // So cheap that threads would cost more.
-        openexr::Compression::RLE => image.write().non_parallel(),
-        _ => image.write(),
-    };
-    writer
-        .to_buffered(&mut bytes)
-        .map_err(|e| Error::write(file, e))?;
-    files::write_whole(file, bytes.get_ref())
+    encoding: openexr::Encoding,
+) -> openexr::Layer<openexr::AnyChannels<openexr::FlatSamples>> {
+    let channels = channels.iter().zip(planes).map(|(name, plane)| {
+        openexr::AnyChannel::new(name.as_str(), openexr::FlatSamples::F32(plane))
+    });
+    let channels = openexr::AnyChannels::sort(channels.collect());
+    openexr::Layer::new((width, height), attributes, encoding, channels)
 }
 
 #[cfg(test)]

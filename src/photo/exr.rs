@@ -1,15 +1,20 @@
 //! OpenEXR: half, float and integer channels, scan lines and tiles, several parts, any channel
 //! names, data window apart from the display window. Only blocks that hold wanted rows are read.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
+use exr::block::chunk::{Chunk, CompressedBlock};
 use exr::block::reader::{ChunksReader, Reader};
-use exr::block::{UncompressedBlock, read as open_blocks};
+use exr::block::{BlockIndex, UncompressedBlock, read as open_blocks};
+use exr::compression::Compression;
+use exr::meta::MetaData;
 use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 
 use super::shot::sensible;
-use super::{Format, Info, Opened, Photo, Shot, Storage, plausible, wanted};
+use super::zip_block::{Apart, half};
+use super::{Format, Info, Opened, Photo, Planes, Shot, Storage, believable, plausible, wanted};
 use crate::error::{Error, Result};
 use crate::files::Input;
 
@@ -24,8 +29,10 @@ struct Source {
 type Blocks = Reader<std::io::BufReader<Input>>;
 
 pub(super) fn info(opened: Opened) -> Result<Info> {
+    let bytes = opened.bytes;
     let blocks = open(opened)?;
     let (size, sources) = layout(blocks.headers())?;
+    stored(blocks.headers(), size, bytes)?;
     let shot = blocks.headers().first().map(shot).unwrap_or_default();
     Ok(Info {
         format: Format::Exr,
@@ -40,18 +47,11 @@ pub(super) fn read(opened: Opened, rows: Option<Range<u32>>) -> Result<Photo> {
     let bytes = opened.bytes;
     let blocks = open(opened)?;
     let (size, sources) = layout(blocks.headers())?;
+    stored(blocks.headers(), size, bytes)?;
     let rows = wanted(rows, size)?;
     let width = size[0] as usize;
     let pixels = width as u64 * u64::from(rows.end - rows.start);
     plausible(pixels.saturating_mul(4 * sources.len() as u64), bytes)?;
-    for header in blocks.headers() {
-        let block = header.max_block_pixel_size();
-        let block = (block.0 as u64).saturating_mul(block.1 as u64);
-        plausible(
-            block.saturating_mul(header.channels.bytes_per_pixel as u64),
-            bytes,
-        )?;
-    }
 
     let windows: Vec<Window> = blocks.headers().iter().map(Window::of).collect();
     let kinds: Vec<Vec<SampleType>> = blocks
@@ -60,7 +60,18 @@ pub(super) fn read(opened: Opened, rows: Option<Range<u32>>) -> Result<Photo> {
         .map(|header| header.channels.list.iter().map(|c| c.sample_type).collect())
         .collect();
     let storage = storage(blocks.headers(), &sources);
-    let mut values = vec![vec![f32::NAN; pixels as usize]; sources.len()];
+    let mut values: Planes = sources
+        .iter()
+        .map(|source| {
+            let covered = blocks
+                .headers()
+                .get(source.part)
+                .is_some_and(|header| covers(header, &rows, width));
+            // What a block overwrites need not be written before.
+            let nothing = if covered { 0.0 } else { f32::NAN };
+            vec![nothing; pixels as usize]
+        })
+        .collect();
     let chunks = blocks
         .filter_chunks(false, |_, _, block| {
             let Some(window) = windows.get(block.layer) else {
@@ -74,24 +85,36 @@ pub(super) fn read(opened: Opened, rows: Option<Range<u32>>) -> Result<Photo> {
                 && top + block.pixel_size.1 as i64 > i64::from(rows.start)
         })
         .map_err(damaged)?;
-    chunks
-        .decompress_sequential(false, |_, block| {
-            let part = block.index.layer;
-            if let (Some(window), Some(kinds)) = (windows.get(part), kinds.get(part)) {
-                let place = Place {
-                    window,
-                    rows: &rows,
-                    width,
-                };
-                for (source, plane) in sources.iter().zip(&mut values) {
-                    if source.part == part {
-                        place.copy(&block, kinds, source.index, plane);
-                    }
+    let meta = chunks.meta_data().clone();
+    let mut found = HashSet::new();
+    for chunk in chunks {
+        let block = Block::of(chunk.map_err(damaged)?, &meta)?;
+        let part = block.index.layer;
+        let [left, top] = [block.index.pixel_position.0, block.index.pixel_position.1];
+        let in_rows = windows.get(part).is_some_and(|window| {
+            let top = top as i64 + window.top;
+            top < i64::from(rows.end)
+                && top + block.index.pixel_size.1 as i64 > i64::from(rows.start)
+        });
+        // As many other blocks as are wanted leave no pixel of them out.
+        if !in_rows || !found.insert((part, left, top)) {
+            return Err(Error::input(
+                "the EXR is damaged: its table leads to other blocks than it says",
+            ));
+        }
+        if let (Some(window), Some(kinds)) = (windows.get(part), kinds.get(part)) {
+            let place = Place {
+                window,
+                rows: &rows,
+                width,
+            };
+            for (source, plane) in sources.iter().zip(&mut values) {
+                if source.part == part {
+                    place.copy(&block, kinds, source.index, plane);
                 }
             }
-            Ok(())
-        })
-        .map_err(damaged)?;
+        }
+    }
     Ok(Photo {
         size,
         rows,
@@ -117,6 +140,33 @@ fn damaged(cause: exr::error::Error) -> Error {
     }
 }
 
+/// Pixels of a picture of which few are stored: those of the largest sensors, and as many again.
+const LARGEST_FRAME: u64 = 1 << 28;
+/// Bytes of a block beside its pixels, at least: its place in the table of blocks, its position and its length.
+const BESIDE_BLOCK: u64 = 16;
+
+/// Refuses sizes that the file's bytes cannot hold, by the headers alone, whichever rows are wanted.
+fn stored(headers: &[Header], size: [u32; 2], bytes: u64) -> Result<()> {
+    let area = |width: usize, height: usize| (width as u64).saturating_mul(height as u64);
+    for header in headers {
+        let [whole, block] = [header.layer_size, header.max_block_pixel_size()]
+            .map(|size| area(size.0, size.1))
+            .map(|pixels| pixels.saturating_mul(header.channels.bytes_per_pixel as u64));
+        plausible(whole, bytes)?;
+        plausible(block, bytes)?;
+        let beside = (header.chunk_count as u64).saturating_mul(BESIDE_BLOCK);
+        if beside > bytes {
+            return Err(Error::input(format!(
+                "the file declares {} x {} pixels in {} blocks, more than its {bytes} bytes can hold",
+                header.layer_size.0, header.layer_size.1, header.chunk_count
+            )));
+        }
+    }
+    // Pixels of the picture that lie outside of what is stored cost the file nothing.
+    let frame = u64::from(size[0]) * u64::from(size[1]);
+    believable(size, if frame > LARGEST_FRAME { 32 } else { 0 }, bytes)
+}
+
 /// Offset of a part's data window from the display window's corner, pixels.
 struct Window {
     left: i64,
@@ -134,6 +184,86 @@ impl Window {
     }
 }
 
+/// Whether the data of a part fill the wanted rows of a picture.
+fn covers(header: &Header, rows: &Range<u32>, width: usize) -> bool {
+    let Window { left, top } = Window::of(header);
+    let (columns, lines) = (header.layer_size.0 as i64, header.layer_size.1 as i64);
+    left <= 0
+        && left + columns >= width as i64
+        && top <= i64::from(rows.start)
+        && top + lines >= i64::from(rows.end)
+}
+
+/// A block after decompression.
+struct Block {
+    index: BlockIndex,
+    bytes: Bytes,
+}
+
+/// The bytes of a block.
+enum Bytes {
+    /// Line by line, in the machine's order.
+    Lines(Vec<u8>),
+    /// Apart by even and odd place.
+    Apart(Apart),
+}
+
+impl Block {
+    fn of(chunk: Chunk, meta: &MetaData) -> Result<Self> {
+        let header = meta.headers.get(chunk.layer_index);
+        let zip = header
+            .filter(|header| matches!(header.compression, Compression::ZIP1 | Compression::ZIP16));
+        if let (Some(header), Some(deflated)) = (zip, pixels(&chunk)) {
+            let place = header
+                .get_block_data_indices(&chunk.compressed_block)
+                .map_err(damaged)?;
+            let within = header
+                .get_absolute_block_pixel_coordinates(place)
+                .map_err(damaged)?;
+            within.validate(Some(header.layer_size)).map_err(damaged)?;
+            let size = within.size.area() * header.channels.bytes_per_pixel;
+            // What deflating would not make smaller is stored as it is.
+            if deflated.len() != size {
+                return Ok(Self {
+                    index: BlockIndex {
+                        layer: chunk.layer_index,
+                        pixel_position: within.position.to_usize("block").map_err(damaged)?,
+                        pixel_size: within.size,
+                        level: place.level_index,
+                    },
+                    bytes: Bytes::Apart(Apart::inflate(deflated, size)?),
+                });
+            }
+        }
+        let block = UncompressedBlock::decompress_chunk(chunk, meta, false).map_err(damaged)?;
+        Ok(Self {
+            index: block.index,
+            bytes: Bytes::Lines(block.data),
+        })
+    }
+
+    /// The samples whose bytes lie at `place`, as f32.
+    fn decode(&self, place: Range<usize>, kind: SampleType, out: &mut [f32]) {
+        match &self.bytes {
+            Bytes::Lines(bytes) => {
+                if let Some(bytes) = bytes.get(place) {
+                    decode(bytes, kind, out);
+                }
+            }
+            Bytes::Apart(apart) => apart.decode(place, kind, out),
+        }
+    }
+}
+
+/// The compressed pixels of flat data.
+fn pixels(chunk: &Chunk) -> Option<&[u8]> {
+    match &chunk.compressed_block {
+        CompressedBlock::ScanLine(block) => Some(&block.compressed_pixels_le),
+        CompressedBlock::Tile(block) => Some(&block.compressed_pixels_le),
+        _ => None,
+    }
+}
+
 /// Where the pixels of a part go.
 struct Place<'a> {
     window: &'a Window,
@@ -144,13 +274,7 @@ struct Place<'a> {
 impl Place<'_> {
     /// Copies one channel of a block into its plane, as far as it lies in the wanted rows and in
     /// the display window.
-    fn copy(
-        &self,
-        block: &UncompressedBlock,
-        kinds: &[SampleType],
-        channel: usize,
-        plane: &mut [f32],
-    ) {
+    fn copy(&self, block: &Block, kinds: &[SampleType], channel: usize, plane: &mut [f32]) {
         let Some(&kind) = kinds.get(channel) else {
             return;
         };
@@ -176,11 +300,8 @@ impl Place<'_> {
             }
             let from = line * stride + before * columns + skip * size;
             let to = (y - i64::from(self.rows.start)) as usize * self.width + first;
-            if let (Some(bytes), Some(out)) = (
-                block.data.get(from..from + count * size),
-                plane.get_mut(to..to + count),
-            ) {
-                decode(bytes, kind, out);
+            if let Some(out) = plane.get_mut(to..to + count) {
+                block.decode(from..from + count * size, kind, out);
             }
         }
     }
@@ -191,7 +312,7 @@ fn decode(bytes: &[u8], kind: SampleType, out: &mut [f32]) {
     match kind {
         SampleType::F16 => {
             for (out, b) in out.iter_mut().zip(bytes.as_chunks::<2>().0) {
-                *out = exr::prelude::f16::from_ne_bytes(*b).to_f32();
+                *out = half(u16::from_ne_bytes(*b));
             }
         }
         SampleType::F32 => {

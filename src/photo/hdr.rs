@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::ops::Range;
 
 use super::orientation::Orientation;
-use super::{Format, Header, Opened, Planes, Shot, Storage, plausible};
+use super::{Format, Header, Opened, Planes, Shot, Storage, believable, plausible};
 use crate::error::{Error, Result};
 use crate::files::Input;
 
@@ -45,6 +45,7 @@ pub(super) fn open(opened: Opened) -> Result<(Header, impl FnOnce(Range<u32>) ->
             text.chars().take(40).collect::<String>()
         ))
     })?;
+    believable(stored, 32, bytes)?;
     let header = Header {
         format: Format::Hdr,
         stored,
@@ -56,7 +57,6 @@ pub(super) fn open(opened: Opened) -> Result<(Header, impl FnOnce(Range<u32>) ->
     Ok((header, move |rows: Range<u32>| {
         let width = stored[0] as usize;
         plausible((12 * width * rows.len()) as u64, bytes)?;
-        plausible(4 * u64::from(stored[0]), bytes)?;
         let mut planes: Planes = (0..3)
             .map(|_| Vec::with_capacity(width * rows.len()))
             .collect();

@@ -10,7 +10,7 @@ use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::orientation::Orientation;
-use super::{Format, Header, Opened, Planes, Shot, Storage, plausible, shot};
+use super::{Format, Header, Opened, Planes, Shot, Storage, believable, shot};
 use crate::error::{Error, Result};
 
 /// Bytes that hold the markers before the pixels of any camera's file: a few segments of 64 kB
@@ -54,6 +54,8 @@ pub(super) fn open(
         None => (Shot::default(), Orientation::UPRIGHT),
     };
     drop(decoder);
+    let samples = channels.len();
+    believable(size, 8 * samples as u64, bytes)?;
     let header = Header {
         format: Format::Jpeg,
         stored: size,
@@ -62,10 +64,8 @@ pub(super) fn open(
         storage: Storage::Integer { max: 255 },
         shot,
     };
-    let samples = channels.len();
     Ok((header, move |rows: Range<u32>| {
         let width = size[0] as usize;
-        plausible((width * size[1] as usize * samples) as u64, bytes)?;
         let options = options.jpeg_set_out_colorspace(colour);
         let interleaved = JpegDecoder::new_with_options(ZCursor::new(data.as_slice()), options)
             .decode()

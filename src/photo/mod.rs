@@ -10,10 +10,12 @@ mod orientation;
 mod part;
 mod png;
 pub(crate) mod raw;
+pub(crate) mod rle_lines;
 mod shot;
 #[cfg(test)]
 mod tests;
 mod tiff;
+mod zip_block;
 
 use std::io::{BufReader, Read, Seek};
 use std::ops::Range;
@@ -264,14 +266,21 @@ impl Header {
     }
 }
 
-/// The rows that are wanted, or an error if the image has no such rows.
-fn wanted(rows: Option<Range<u32>>, size: [u32; 2]) -> Result<Range<u32>> {
+/// Refuses a size that no photo has, or of which the file's bytes cannot hold `bits` for every pixel, by the header alone and whichever
+/// rows are wanted.
+fn believable(size: [u32; 2], bits: u64, file_bytes: u64) -> Result<()> {
     if size.iter().any(|side| !(1..=LARGEST_SIDE).contains(side)) {
         return Err(Error::input(format!(
             "expected an image of 1 to {LARGEST_SIDE} pixels a side, found {} x {}",
             size[0], size[1]
         )));
     }
+    let pixels = u64::from(size[0]) * u64::from(size[1]);
+    plausible(pixels.saturating_mul(bits) / 8, file_bytes)
+}
+
+/// The rows that are wanted, or an error if the image has no such rows.
+fn wanted(rows: Option<Range<u32>>, size: [u32; 2]) -> Result<Range<u32>> {
     let rows = rows.unwrap_or(0..size[1]);
     if rows.start >= rows.end || rows.end > size[1] {
         return Err(Error::input(format!(

@@ -5,7 +5,7 @@ use std::ops::Range;
 use png::{BitDepth, ColorType, DecodingError, Limits, Transformations};
 
 use super::orientation::Orientation;
-use super::{Format, Header, Opened, Planes, Shot, Storage, plausible, shot};
+use super::{Format, Header, Opened, Planes, Shot, Storage, believable, plausible, shot};
 use crate::error::{Error, Result};
 use crate::files::Input;
 
@@ -19,6 +19,7 @@ pub(super) fn open(opened: Opened) -> Result<(Header, impl FnOnce(Range<u32>) ->
     let reader = decoder.read_info().map_err(damaged)?;
     let info = reader.info();
     let size = [info.width, info.height];
+    believable(size, info.bits_per_pixel() as u64, bytes)?;
     let (shot, orientation) = match &info.exif_metadata {
         Some(block) => shot::exif(block),
         None => (Shot::default(), Orientation::UPRIGHT),

@@ -11,7 +11,7 @@ use tiff::tags::{SampleFormat, Tag};
 
 use super::orientation::Orientation;
 use super::shot::sensible;
-use super::{Format, Header, Opened, Planes, Shot, Storage, plausible};
+use super::{Format, Header, Opened, Planes, Shot, Storage, believable, plausible};
 use crate::error::{Error, Result};
 use crate::files::Input;
 
@@ -25,6 +25,7 @@ pub(super) fn open(opened: Opened) -> Result<(Header, impl FnOnce(Range<u32>) ->
     let (width, height) = tiff.dimensions().map_err(damaged)?;
     let colour = tiff.colortype().map_err(damaged)?;
     let (channels, samples, bits) = channels(colour)?;
+    believable([width, height], samples as u64 * u64::from(bits), bytes)?;
     let format = tiff
         .find_tag_unsigned_vec::<u16>(Tag::SampleFormat)
         .map_err(damaged)?

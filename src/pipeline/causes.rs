@@ -59,7 +59,7 @@ impl Causes {
             ),
             (
                 self.texture,
-                "texture: the surface is not the same everywhere",
+                "texture, or a shape that is not round and convex: the surface is not the same everywhere",
             ),
             (
                 self.rough,

@@ -7,20 +7,23 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::advice;
+use super::balance;
 use super::explain;
 use super::fingerprint::fingerprint;
 use super::fit;
 use super::joint;
 use super::lean;
 use super::material;
-use super::measure::{Measured, measure};
+use super::measure::{Measured, at_angles, take};
 use super::orbit::{OrbitRefinement, refine_orbit, turn};
 use super::progress::Progress;
 use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Run, Verdict};
 use super::spectrum::spectrum;
+use super::trial;
 use crate::capture::Capture;
 use crate::error::{Error, Result};
+use crate::light_field::Samples;
 use crate::recover::{Status, brdf, factorise, lighting};
 
 /// Degrees of θo′ per pixel up to which the samples' slopes are resolved.
@@ -39,11 +42,13 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
     if capture.views.len() < 2 && recipe.recover != Recover::None {
         return Err(one_view());
     }
-    let mut measured = measure(capture, &recipe.light_field, footprint, progress)?;
+    let taken = take(capture, &recipe.light_field, progress)?;
+    let (whole, capture) = (capture, &taken.capture);
+    let light_field =
+        |turned: &Capture| at_angles(&taken, turned, &recipe.light_field, footprint, progress);
+    let mut measured = light_field(capture)?;
     clock.lap("photos to light field");
-    let (whole, used) = (capture, measured.capture.clone());
-    let capture = &used;
-    let orbit = refine_orbit(&mut measured, recipe, capture)?;
+    let orbit = refine_orbit(&mut measured, recipe, capture, &light_field)?;
     if orbit.is_some() {
         clock.lap("orbit angles");
     }
@@ -67,6 +72,14 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         Recover::Both => task.both(&mut clock)?,
         Recover::None => Recovered::default(),
     };
+    let unlike = |f: &fit::FitQuality| f.verdict != Verdict::Explained;
+    if recipe.recover != Recover::Both && recovered.fit.iter().any(unlike) {
+        // Not a judge here, where light or BRDF is known, but a witness of the cause.
+        let across = balance::out_of_plane(&measured)?;
+        for (fit, across) in recovered.fit.iter_mut().zip(across) {
+            fit.across = across;
+        }
+    }
     if let (Some(orbit), Some(light)) = (&orbit, &mut recovered.lighting) {
         turn(light, orbit.mean_sigma_deg.to_radians());
     }
@@ -157,12 +170,25 @@ impl Task<'_> {
             .iter_mut()
             .for_each(fit::FitQuality::judge_lighting);
         clock.lap("residual");
-        recovered.advice = advice::on_lighting(self.capture, self.measured, &material, &estimate);
+        if let Some(left) = unexplained(&recovered.fit) {
+            let lamps: Vec<trial::Lamp> = estimate
+                .sources
+                .iter()
+                .map(|s| (s.theta_deg.to_radians(), s.irradiance.iter().sum()))
+                .collect();
+            let again = |samples: &Samples| {
+                let estimate = lighting::recover_with(samples, &[], &material, &options)?;
+                let predicted = lighting::predict(&estimate, &material, samples);
+                Ok(mean_unexplained(&fit::quality(samples, &predicted)))
+            };
+            recovered.cause = trial::better(samples, &lamps, left, &again);
+            clock.lap("cause");
+        }
+        (recovered.advice, recovered.warnings) = rayon::join(
+            || advice::on_lighting(self.capture, self.measured, &material, &estimate),
+            || [model.warnings(), model.warnings_of_table(&material)].concat(),
+        );
         clock.lap("advice");
-        recovered.warnings = model.warnings();
-        recovered
-            .warnings
-            .extend(model.warnings_of_table(&material));
         recovered.lighting = Some(estimate);
         self.progress.step();
         Ok(recovered)
@@ -187,6 +213,29 @@ impl Task<'_> {
         let on_samples = fit::predict(&light, &slice, samples)?;
         let mut recovered = self.residuals(&on_grid, &on_samples);
         clock.lap("residual");
+        if let Some(left) = unexplained(&recovered.fit[..1]) {
+            let lamps: Vec<trial::Lamp> = light
+                .sources
+                .iter()
+                .map(|s| (s.theta.rad(), s.irradiance.iter().sum()))
+                .collect();
+            // All channels were photographed alike, and a BRDF takes its time.
+            let first = trial::one_channel(samples, 0);
+            let light = trial::light_of_channel(&light, 0);
+            let options = brdf::Options {
+                size: trial::SIZE,
+                intervals: Some(trial::INTERVALS),
+                ..options
+            };
+            let again = |samples: &Samples| {
+                let estimate = brdf::recover_with(samples, &[], &light, &options)?;
+                let slice = material::as_material(&estimate)?;
+                let predicted = fit::predict(&light, &slice, samples)?;
+                Ok(mean_unexplained(&fit::quality(samples, &predicted)))
+            };
+            recovered.cause = trial::better(&first, &lamps, left, &again);
+            clock.lap("cause");
+        }
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
         clock.lap("advice");
         recovered.warnings = estimate.warnings.clone();
@@ -239,6 +288,11 @@ impl Task<'_> {
         for (fit, channel) in recovered.fit.iter_mut().zip(&found.channels) {
             fit.judge_reciprocity(channel.violation);
         }
+        let across = balance::out_of_plane(self.measured)?;
+        for (c, (fit, across)) in recovered.fit.iter_mut().zip(across).enumerate() {
+            fit.judge_balance(across, material::is_diffuse(&estimate, c));
+        }
+        fit::judge_together(&mut recovered.fit);
         clock.lap("residual");
         self.progress.step();
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
@@ -265,6 +319,16 @@ impl Task<'_> {
             ..Recovered::default()
         }
     }
+}
+
+/// What is left unexplained on average, if any of it is doubtful.
+fn unexplained(fits: &[fit::FitQuality]) -> Option<f64> {
+    let doubtful = fits.iter().any(|f| f.verdict != Verdict::Explained);
+    doubtful.then(|| mean_unexplained(fits))
+}
+
+fn mean_unexplained(fits: &[fit::FitQuality]) -> f64 {
+    fits.iter().map(|f| f.unexplained).sum::<f64>() / fits.len().max(1) as f64
 }
 
 /// What does not explain the photographs is no measurement: nothing of a refused channel is called determined.

@@ -1,7 +1,8 @@
 //! What a run says in words: what is known, what is not, and what to distrust.
 
 use super::fit::{
-    DOUBTFUL, REFUSED, STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED, VIOLATION_DOUBTFUL, VIOLATION_REFUSED,
+    ACROSS_DOUBTFUL, ACROSS_REFUSED, DOUBTFUL, REFUSED, STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED,
+    VIOLATION_DOUBTFUL, VIOLATION_REFUSED,
 };
 use super::joint::ChannelGauge;
 use super::material::share;
@@ -10,11 +11,12 @@ use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Verdict};
 use crate::recover::Status;
 use crate::recover::brdf::BrdfEstimate;
-use crate::recover::factorise::Factorisation;
+use crate::recover::factorise::{self, Factorisation};
 use crate::recover::lighting::LightingEstimate;
 
 /// What a fit that does not explain the photographs means for its result.
 pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered) -> Vec<String> {
+    const OUT_OF_PLANE: &str = "light reaches the object from out of the measurement plane";
     const SURROUNDINGS: &str = "light reaches the object from out of the measurement plane or from nearby, the object is not convex, or the photographs are not linear";
     let (result, model) = match recover {
         Recover::Lighting => (
@@ -32,15 +34,17 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
         .iter()
         .zip(&measured.samples.channels)
         .filter_map(|(fit, name)| {
-            let (limits, usual, consequence) = match fit.verdict {
+            let (limits, across_limit) = match fit.verdict {
+                Verdict::Refused => ([REFUSED, VIOLATION_REFUSED, STRUCTURE_REFUSED], ACROSS_REFUSED),
+                _ => ([DOUBTFUL, VIOLATION_DOUBTFUL, STRUCTURE_DOUBTFUL], ACROSS_DOUBTFUL),
+            };
+            let (usual, consequence) = match fit.verdict {
                 Verdict::Explained => return None,
                 Verdict::Doubtful => (
-                    [DOUBTFUL, VIOLATION_DOUBTFUL, STRUCTURE_DOUBTFUL],
                     "usual is below",
                     "Errors of that order, or larger ones, are not in the error bars.".to_string(),
                 ),
                 Verdict::Refused => (
-                    [REFUSED, VIOLATION_REFUSED, STRUCTURE_REFUSED],
                     "more than",
                     format!("No {result} is given as a measurement: every value is marked indeterminate."),
                 ),
@@ -70,10 +74,30 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
                     100.0 * violation
                 ));
             }
+            let across = fit.across.filter(|across| *across > across_limit);
+            if let Some(across) = across {
+                found.push(format!(
+                    "the radiance changes {:.0} % as fast across the measurement plane as along it ({usual} {:.0} %), which light in the plane never does",
+                    100.0 * across.sqrt(),
+                    100.0 * across_limit.sqrt()
+                ));
+            }
+            if fit.beside {
+                found.push(
+                    "another channel, of the same views and lamps, is explained by no light in the plane".into(),
+                );
+            }
             // A stated light that is wrong may look like texture, and what breaks reciprocity is the model's whatever the rest looks like.
             let broken = fit.violation.is_some_and(|broken| broken > violation);
-            let model_first = broken || recover == Recover::Brdf;
-            let causes = fit.causes.ranked(&model, model_first);
+            let model_first = broken || recover == Recover::Brdf || across.is_some() || fit.beside;
+            let model = match across {
+                Some(_) => OUT_OF_PLANE,
+                None => model.as_str(),
+            };
+            let mut causes = fit.causes.ranked(model, model_first);
+            if let Some(cause) = &recovered.cause {
+                causes.insert(0, cause.clone());
+            }
             Some(format!(
                 "Channel {name}: {}. {consequence} Likeliest first: {}.",
                 found.join(", and "),
@@ -175,7 +199,7 @@ pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
                 "Channel {name}: the light field does not change with the normal. The light is uniform, or the surface passes nothing but its mean: no other frequency of the light is determined, and of the BRDF nothing but its mean over incidence."
             ));
         }
-        if channel.misfit > 1.2 {
+        if channel.misfit > factorise::MISFIT {
             said.push(format!(
                 "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by that. Light from out of the plane, a texture, or too small a noise estimate would do this.",
                 channel.misfit.sqrt()

@@ -1,5 +1,6 @@
 //! Whether a recovery explains what was measured: residuals, and the verdict on the result.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::causes::{Causes, causes};
@@ -27,6 +28,15 @@ pub const REFUSED: f64 = 0.06;
 pub const VIOLATION_DOUBTFUL: f64 = 0.003;
 /// As [`VIOLATION_DOUBTFUL`].
 pub const VIOLATION_REFUSED: f64 = 0.01;
+/// Square of the change of radiance across the measurement plane relative to that along it, above which a recovery of both is doubtful, and
+/// above which it is refused: half of it is the share of the slice that light from out of the plane puts wrong. Light in the plane gives 0; a
+/// camera 2° above the plane, or lamps 2° beside it, 0.02 with an exponent of 32.
+pub const ACROSS_DOUBTFUL: f64 = 0.04;
+/// As [`ACROSS_DOUBTFUL`].
+pub const ACROSS_REFUSED: f64 = 0.12;
+/// Relative scatter (rms) of a slice's values below which it counts as diffuse: such a sphere changes across the plane under any light from
+/// all of space, and its slice is right all the same.
+pub const DIFFUSE: f64 = 0.15;
 /// What a lighting leaves that is the model's own ([`Causes::structure`]), relative to the measured values, above which it is doubtful, and above
 /// which it is refused.
 ///
@@ -55,6 +65,12 @@ pub struct FitQuality {
     /// The part of the light field that breaks reciprocity beyond the noise, whatever the light; of a recovery of both.
     #[serde(default)]
     pub violation: Option<f64>,
+    /// Square of the change of radiance across the measurement plane relative to that along it, where it was looked for and the rows tell.
+    #[serde(default)]
+    pub across: Option<f64>,
+    /// Whether it is doubted for the sake of another channel alone, which shares its views and the places of its lights.
+    #[serde(default)]
+    pub beside: bool,
     /// What the residual looks like.
     #[serde(default)]
     pub causes: Causes,
@@ -65,6 +81,7 @@ pub struct FitQuality {
 /// Compares samples with a prediction, \[channel\]\[column\]\[n\].
 pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality> {
     (0..samples.channels.len())
+        .into_par_iter()
         .map(|c| {
             let (mut squares, mut noise, mut chi2, mut power) = (0.0, 0.0, 0.0, 0.0);
             let (mut largest, mut count) = (0.0f64, 0usize);
@@ -90,6 +107,8 @@ pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality
                 chi2: chi2 / n,
                 unexplained,
                 violation: None,
+                across: None,
+                beside: false,
                 causes: causes(samples, &predicted[c], c),
                 verdict: verdict(unexplained, [DOUBTFUL, REFUSED]),
             }
@@ -115,6 +134,15 @@ impl FitQuality {
         self.verdict = self.verdict.max(own);
     }
 
+    /// Takes into account how radiance changes across the plane; what is diffuse is not judged by it.
+    pub fn judge_balance(&mut self, across: Option<f64>, diffuse: bool) {
+        self.across = across;
+        if let (Some(across), false) = (across, diffuse) {
+            let own = verdict(across, [ACROSS_DOUBTFUL, ACROSS_REFUSED]);
+            self.verdict = self.verdict.max(own);
+        }
+    }
+
     /// Judges a lighting, which takes up what is the model's own and nothing else.
     pub fn judge_lighting(&mut self) {
         let own = verdict(
@@ -122,6 +150,24 @@ impl FitQuality {
             [STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED],
         );
         self.verdict = self.verdict.max(own);
+    }
+}
+
+/// Where one channel is refused because light and BRDF of no kind in the plane explain it, the others are doubtful: geometry and lamps
+/// are the same for all.
+pub fn judge_together(fits: &mut [FitQuality]) {
+    let broken = |fit: &FitQuality| {
+        let violation = fit.violation.unwrap_or(0.0) > VIOLATION_REFUSED;
+        fit.verdict == Verdict::Refused && (violation || fit.across > Some(ACROSS_REFUSED))
+    };
+    if !fits.iter().any(broken) {
+        return;
+    }
+    for fit in fits {
+        if fit.verdict == Verdict::Explained {
+            fit.verdict = Verdict::Doubtful;
+            fit.beside = true;
+        }
     }
 }
 

@@ -197,7 +197,9 @@ fn model_summary(fit: ParametricFit) -> ParametricModel {
 
 /// The light that was found: its frequencies up to the band, and beyond it what the sources in it go on with.
 pub fn light(found: &Factorisation) -> Lighting {
-    light_of(found, |_, _| true)
+    light_of(found, |channel, p| {
+        channel.status[p] != Status::Indeterminate
+    })
 }
 
 /// The same with the determined frequencies alone up to the band.
@@ -206,7 +208,8 @@ pub fn determined_light(found: &Factorisation) -> Lighting {
 }
 
 /// Sources have all frequencies: what they bring within the band is taken from the smooth part, which holds the rest of L_p of the
-/// frequencies that are `kept`, and nothing is left of the others.
+/// frequencies that are `kept`. Of the others nothing is left where there are no sources; where there are, they go on there as they do beyond
+/// the band.
 fn light_of(found: &Factorisation, kept: impl Fn(&Channel, usize) -> bool) -> Lighting {
     let count = found.channels.len();
     let sources: Vec<Source> = found
@@ -232,12 +235,11 @@ fn light_of(found: &Factorisation, kept: impl Fn(&Channel, usize) -> bool) -> Li
         }
         .series(c, channel.band);
         let rest = sharp.coefficients.iter().enumerate().map(|(p, s)| {
-            let l = if kept(channel, p) {
-                channel.lighting.get(p as i64)
+            if kept(channel, p) {
+                channel.lighting.get(p as i64) - s
             } else {
                 Complex64::ZERO
-            };
-            l - s
+            }
         });
         Series {
             coefficients: rest.collect(),
@@ -252,13 +254,15 @@ fn light_of(found: &Factorisation, kept: impl Fn(&Channel, usize) -> bool) -> Li
 }
 
 /// The samples without what the light's undetermined frequencies did to them, where the views close the circle about
-/// evenly: what is left is explained by the determined light alone, at the same information per frequency.
+/// evenly and no sources stand for them: what is left is explained by the determined light alone, at the same information per frequency.
 ///
 /// Returned twice: with the samples' variances, and with what the light's own uncertainty by the noise adds to them,
-/// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that it reaches the slice's σ.
+/// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that it reaches the slice's σ. Where sources stand for L_p
+/// their error is what they miss of the determined frequencies.
 pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Samples) {
     let mut part = samples.clone();
     let mut widened = samples.clone();
+    let sources_miss: Vec<f64> = found.channels.iter().map(sources_miss).collect();
     let columns = part.columns.par_iter_mut().zip(&mut widened.columns);
     columns.for_each(|(column, wide)| {
         for (c, channel) in found.channels.iter().enumerate() {
@@ -270,14 +274,24 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Sa
             let Some(series) = column_series(&alpha, &value, channel.band) else {
                 continue;
             };
+            let modelled = !channel.sources.is_empty();
             let added: f64 = (1..=channel.band)
-                .filter(|&p| channel.status[p] == Status::Determined)
                 .map(|p| {
                     let light = channel.lighting.get(p as i64).norm();
-                    let share = own_sigma(channel, p) / light.max(f64::MIN_POSITIVE);
+                    let share = match channel.status[p] {
+                        Status::Determined => own_sigma(channel, p) / light.max(f64::MIN_POSITIVE),
+                        _ if modelled => sources_miss[c],
+                        _ => 0.0,
+                    };
                     2.0 * (series.get(p as i64).norm() * share.min(1.0)).powi(2)
                 })
                 .sum();
+            if modelled {
+                for &i in &seen {
+                    wide.variance[c][i] += added;
+                }
+                continue;
+            }
             let mut open = series;
             for (l, status) in open.coefficients.iter_mut().zip(&channel.status) {
                 if *status == Status::Determined {
@@ -292,6 +306,23 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Sa
         }
     });
     (part, widened)
+}
+
+/// Root of the share of the power in the upper half of the determined frequencies that the channel's sources do not explain.
+fn sources_miss(channel: &Channel) -> f64 {
+    let (mut missed, mut power) = (0.0, f64::MIN_POSITIVE);
+    for p in (channel.band / 2..=channel.band).filter(|&p| channel.status[p] == Status::Determined)
+    {
+        let sharp: Complex64 = channel
+            .sources
+            .iter()
+            .map(|(theta, irradiance)| irradiance / TAU * Complex64::cis(-(p as f64) * theta.rad()))
+            .sum();
+        let l = channel.lighting.get(p as i64);
+        missed += (l - sharp).norm_sqr();
+        power += l.norm_sqr();
+    }
+    (missed / power).sqrt()
 }
 
 /// σ of L_p by the noise alone, without the errors that all samples share.

@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
+use super::fit::DIFFUSE;
 use super::recipe::RecoveryOptions;
 use crate::brdf::fit::{BrdfModels, FitOptions, fit_table};
 use crate::brdf::{Axis, Brdf, Material, MeasuredSlice, SliceTable};
@@ -51,6 +52,24 @@ pub fn options(recovery: &RecoveryOptions) -> Result<Options> {
         non_negative: recovery.non_negative,
         ..defaults
     })
+}
+
+/// Whether the known values of a slice, weighted by their cosines, are all about the same.
+pub fn is_diffuse(estimate: &BrdfEstimate, channel: usize) -> bool {
+    let (mut weight, mut sum, mut square) = (0.0, 0.0, 0.0);
+    for i in 0..estimate.size {
+        for j in 0..estimate.size {
+            if let Some((rho, _)) = estimate.rho(channel, i, j) {
+                let w = estimate.angle(i).cos() * estimate.angle(j).cos();
+                weight += w;
+                sum += w * rho;
+                square += w * rho * rho;
+            }
+        }
+    }
+    let mean = sum / weight;
+    let scatter = square / weight - mean * mean;
+    weight > 0.0 && scatter <= (DIFFUSE * mean).powi(2)
 }
 
 /// The content of `brdf.csv`: ρ and σ, NaN where the slice is indeterminate. `stride` takes every such cell, in the

@@ -50,6 +50,13 @@ const ONE_SIDED_ERROR_PX: f64 = 1.0;
 const TWO_SIDED: f64 = 0.5;
 /// Change of an exposure time by the brackets (log) from which it is told.
 const TIME_CHANGE: f64 = 0.01;
+/// The object's distance from the orbit's centre, in parts of its radius, beyond which a warning is given: a turntable is centred to a
+/// few tenths of a percent with care, and what is found is taken into account.
+const OFF_CENTRE: f64 = 0.02;
+/// Part by which the object looks larger or smaller than described, and σ of what is found beyond it, from which a warning is given: lengths
+/// are measured to half a percent.
+const SIZE_CHANGE: f64 = 0.005;
+const SIZE_SIGMAS: f64 = 4.0;
 /// Views that decide how many rows are averaged, and photos shown in the report.
 const PILOTS: usize = 3;
 const PREVIEWS: usize = 4;
@@ -63,6 +70,8 @@ pub struct Measured {
     pub samples: Samples,
     /// Errors of the geometry that all samples have in common.
     pub systematics: Vec<Systematic>,
+    /// Displacement of the object from the orbit's centre, metres, in the frame of the orbit angles.
+    pub displacement: [f64; 2],
     /// By how much, relative, all light may be wrong because the object leans.
     pub scale_sigma: f64,
     /// Number of pixels behind each sample, \[column\]\[n\].
@@ -93,18 +102,28 @@ struct ReadView {
     scenery: Scenery,
 }
 
-/// Measures the light field of a capture. Where the recipe leaves the limb cut open, samples are used up to where a pixel covers
-/// `footprint` degrees of θo′.
+/// What the photos of a capture show, whatever the orbit angles are.
+pub struct Taken {
+    /// The capture with the views that are used.
+    pub capture: Capture,
+    camera: CameraModel,
+    usable: Usable,
+    response: Option<radiance::Recovery>,
+    read: Vec<ReadView>,
+    reach: f64,
+    unseen: bool,
+}
+
+/// Reads the photos of a capture.
 ///
 /// # Errors
 /// If the object is not in the picture by the description, or too many photos cannot be read, do not show the measured line,
 /// differ in channels or storage, or cannot be of one object; a few such are left out with a warning.
-pub fn measure(
+pub fn take(
     capture: &Capture,
     options: &LightFieldOptions,
-    footprint: f64,
     progress: &dyn Progress,
-) -> Result<Measured> {
+) -> Result<Taken> {
     let (whole, response) = radiance::resolved(capture).map_err(|e| e.file("capture.toml"))?;
     if let Some(fault) = framing(&whole).1 {
         return Err(fault);
@@ -113,11 +132,11 @@ pub fn measure(
     let mut usable = Usable::all(&whole);
     let (capture, read, reach) = loop {
         let part = usable.of(&whole);
-        let reach = match options.rows {
-            Some(rows) => rows as f64 / 2.0,
+        let (reach, pilots) = match options.rows {
+            Some(rows) => (rows as f64 / 2.0, Vec::new()),
             None => choose_reach(&part, &camera, options.locals)?,
         };
-        let (read, looks): (Vec<_>, Vec<_>) = read_views(&part, &camera, reach, progress)
+        let (read, looks): (Vec<_>, Vec<_>) = read_views(&part, &camera, reach, pilots, progress)
             .into_iter()
             .map(|view| match view {
                 Ok((view, look)) => (Some(view), Ok(look)),
@@ -131,24 +150,72 @@ pub fn measure(
             break (part, read, reach);
         }
     };
-    let capture = &capture;
-    let channels = read[0].channels.clone();
-
-    progress.stage("light field", capture.views.len());
-    let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
-    let unseen = outlines.iter().all(|o| o.sides() == [false, false]);
+    let unseen = read
+        .iter()
+        .all(|view| view.outline.sides() == [false, false]);
     if unseen && !read.iter().any(|v| v.scenery.structured) {
         return Err(no_object(
             "the photos show an even area or noise and nothing else",
         ));
     }
+    Ok(Taken {
+        capture,
+        camera,
+        usable,
+        response,
+        read,
+        reach,
+        unseen,
+    })
+}
+
+/// Measures the light field of a capture. Where the recipe leaves the limb cut open, samples are used up to where a pixel covers
+/// `footprint` degrees of θo′.
+///
+/// # Errors
+/// As [`take`] and [`at_angles`].
+pub fn measure(
+    capture: &Capture,
+    options: &LightFieldOptions,
+    footprint: f64,
+    progress: &dyn Progress,
+) -> Result<Measured> {
+    let taken = take(capture, options, progress)?;
+    at_angles(&taken, &taken.capture, options, footprint, progress)
+}
+
+/// The light field that photos show with their views at the orbit angles of `turned`: the capture's, or others.
+///
+/// # Errors
+/// If the poses of the views cannot be settled, or photos cannot be read again.
+pub fn at_angles(
+    taken: &Taken,
+    turned: &Capture,
+    options: &LightFieldOptions,
+    footprint: f64,
+    progress: &dyn Progress,
+) -> Result<Measured> {
+    let Taken {
+        camera,
+        usable,
+        response,
+        read,
+        reach,
+        unseen,
+        ..
+    } = taken;
+    let (capture, reach, unseen) = (turned, *reach, *unseen);
+    let channels = read[0].channels.clone();
+
+    progress.stage("light field", capture.views.len());
+    let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
     let settled = settle(&outlines, capture)?;
     let poses = &settled.poses;
     let limb_cut = match options.limb_cut_deg {
         Some(degrees) => degrees.to_radians(),
         None => {
             let roll = capture.views[0].plane_roll;
-            let nominal = ViewGeometry::new(&camera, &capture.object, Pose::nominal(), roll);
+            let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
             automatic_limb_cut(&nominal, footprint)
         }
     };
@@ -160,10 +227,10 @@ pub fn measure(
     let geometries: Vec<ViewGeometry> = poses
         .iter()
         .zip(&capture.views)
-        .map(|(pose, view)| ViewGeometry::new(&camera, &capture.object, *pose, view.plane_roll))
+        .map(|(pose, view)| ViewGeometry::new(camera, &capture.object, *pose, view.plane_roll))
         .collect();
     let slants = match capture.object.shape {
-        Shape::Cylinder if lean::shows(&settled) => read_slants(capture, &camera, reach, &read)?,
+        Shape::Cylinder if lean::shows(&settled) => read_slants(capture, camera, reach, read)?,
         _ => Vec::new(),
     };
     let leaning: Vec<LeaningView<'_>> = read
@@ -214,14 +281,20 @@ pub fn measure(
         pixels,
         slopes,
     } = gathered;
-    let field = grid(&samples, cells, &pixels);
     let two_sided = outlines
         .iter()
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let mut systematics = systematics(&settled, capture, &geometries[0], blind, &samples, &slopes);
-    let mut seen = warnings(capture, &outlines, poses, &samples);
+    let (field, (mut systematics, mut seen)) = rayon::join(
+        || grid(&samples, cells, &pixels),
+        || {
+            rayon::join(
+                || systematics(&settled, capture, &geometries[0], blind, &samples, &slopes),
+                || warnings(capture, &outlines, poses, &samples),
+            )
+        },
+    );
     if let Some(lean) = &lean {
         let mut uncorrected = sampled(false);
         if let Some(jitter) = &jitter {
@@ -234,7 +307,7 @@ pub fn measure(
     }
     let records = (0..read.len())
         .map(|k| ViewRecord {
-            orbit_deg: capture.views[k].orbit.deg(),
+            orbit_deg: taken.capture.views[k].orbit.deg(),
             file: first_file(capture, k),
             centre_px: centre(&geometries[k]),
             centre_sigma_px: poses[k].sigma_lateral * px_per_metre(&geometries[k]),
@@ -246,7 +319,7 @@ pub fn measure(
     let number = |view: usize| usable.number(view);
     let beside = read.iter().filter(|v| v.scenery.beside).count();
     Ok(Measured {
-        capture: capture.clone(),
+        capture: taken.capture.clone(),
         doubt: if 2 * beside > read.len() {
             Some(beside_object(beside, read.len()))
         } else if unseen {
@@ -259,7 +332,7 @@ pub fn measure(
         warnings: [
             usable.notes.clone(),
             response.iter().map(response_note).collect(),
-            exposure_warnings(capture, &read, &number),
+            exposure_warnings(capture, read, &number),
             jitter
                 .iter()
                 .map(|j| jitter_note(capture, j, &number))
@@ -269,13 +342,14 @@ pub fn measure(
         .concat(),
         samples,
         systematics,
+        displacement: settled.displacement,
         scale_sigma: lean.as_ref().map_or(0.0, Lean::scale_sigma),
         pixels,
         field,
         limb_cut,
         reach,
         views: records,
-        previews: read.into_iter().filter_map(|v| v.preview).collect(),
+        previews: read.iter().filter_map(|v| v.preview.clone()).collect(),
     })
 }
 
@@ -291,7 +365,7 @@ fn steady(views: &mut [Vec<Vec<Option<ViewSample>>>], jitter: &Jitter) {
 }
 
 /// `count` indices spread evenly over 0 … n−1.
-fn spread(n: usize, count: usize) -> Vec<usize> {
+pub(super) fn spread(n: usize, count: usize) -> Vec<usize> {
     let mut all: Vec<usize> = (0..count.min(n)).map(|k| k * n / count.min(n)).collect();
     all.dedup();
     all
@@ -309,7 +383,7 @@ fn photo_file(capture: &Capture, view: usize, photo: usize) -> String {
 }
 
 /// Rows of the image that hold the outline's search band and the measured line.
-fn rows_needed(capture: &Capture, geometry: &ViewGeometry, reach: f64) -> Range<u32> {
+pub(super) fn rows_needed(capture: &Capture, geometry: &ViewGeometry, reach: f64) -> Range<u32> {
     let height = f64::from(capture.camera.image_size[1]);
     let ends = Side::BOTH.map(|side| geometry.limb(side).map(|p| p.pixel[1]));
     let (Some(left), Some(right)) = (ends[0], ends[1]) else {
@@ -341,15 +415,15 @@ fn find_outline(
 }
 
 /// Some rows of a view, as far as its masks let them be used, and the outline in them.
-struct Photographed {
-    radiance: Radiance,
-    outline: Outline,
+pub(super) struct Photographed {
+    pub(super) radiance: Radiance,
+    pub(super) outline: Outline,
     exposures: Vec<radiance::Found>,
     storage: Storage,
     census: radiance::Census,
 }
 
-fn photographed(
+pub(super) fn photographed(
     capture: &Capture,
     camera: &CameraModel,
     view: usize,
@@ -406,14 +480,22 @@ fn read_views(
     capture: &Capture,
     camera: &CameraModel,
     reach: f64,
+    pilots: Vec<Pilot>,
     progress: &dyn Progress,
 ) -> Vec<Result<(ReadView, Look)>> {
     progress.stage("photos", capture.views.len());
     let shown = spread(capture.views.len(), PREVIEWS);
-    (0..capture.views.len())
+    let mut known: Vec<Option<Pilot>> = Vec::new();
+    known.resize_with(capture.views.len(), || None);
+    for pilot in pilots {
+        let view = pilot.view;
+        known[view] = Some(pilot);
+    }
+    known
         .into_par_iter()
-        .map(|k| {
-            let view = read_view(capture, camera, k, reach, shown.contains(&k));
+        .enumerate()
+        .map(|(k, pilot)| {
+            let view = read_view(capture, camera, k, reach, pilot, shown.contains(&k));
             progress.step();
             view.map_err(|e| e.file(first_file(capture, k)))
         })
@@ -425,20 +507,33 @@ fn read_view(
     camera: &CameraModel,
     view: usize,
     reach: f64,
+    pilot: Option<Pilot>,
     shown: bool,
 ) -> Result<(ReadView, Look)> {
     let roll = capture.views[view].plane_roll;
     let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
     let rows = rows_needed(capture, &nominal, reach);
+    // Of other rows the outline may be another.
+    let (known, line) = match pilot.filter(|pilot| pilot.photographed.radiance.rows == rows) {
+        Some(mut pilot) => {
+            let at = pilot.lines.iter().position(|(r, _)| *r == reach);
+            let line = at.map(|at| pilot.lines.swap_remove(at).1);
+            (pilot.photographed, line)
+        }
+        None => (photographed(capture, camera, view, rows)?, None),
+    };
     let Photographed {
         radiance,
         outline,
         exposures,
         storage,
         census,
-    } = photographed(capture, camera, view, rows)?;
+    } = known;
     let geometry = ViewGeometry::new(camera, &capture.object, outline.pose, roll);
-    let line = MeasuredLine::read(&radiance, &geometry, reach)?;
+    let line = match line {
+        Some(line) => line,
+        None => MeasuredLine::read(&radiance, &geometry, reach)?,
+    };
     let look = Look {
         channels: radiance.channels.clone(),
         storage,
@@ -498,9 +593,21 @@ fn read_slants(
         .collect()
 }
 
-/// The largest distance from the cross-section over which averaging changes nothing but the noise:
+/// A view that decided how many rows are averaged.
+struct Pilot {
+    view: usize,
+    photographed: Photographed,
+    /// Its line by the distance that was averaged.
+    lines: Vec<(f64, MeasuredLine)>,
+}
+
+/// The largest distance from the cross-section over which averaging changes nothing but the noise, and the views that say so:
 /// Lepski's rule, the estimate with more rows must agree with all those with fewer.
-fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Result<f64> {
+fn choose_reach(
+    capture: &Capture,
+    camera: &CameraModel,
+    locals: usize,
+) -> Result<(f64, Vec<Pilot>)> {
     let limit = reach_limit(capture, camera, locals);
     let candidates: Vec<f64> = REACHES
         .into_iter()
@@ -512,7 +619,7 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
     // By name: neither the order in which a capture lists its views matters, nor where its angles start.
     let mut named: Vec<usize> = (0..capture.views.len()).collect();
     named.sort_by_cached_key(|&view| first_file(capture, view));
-    let chosen: Vec<Option<f64>> = spread(named.len(), PILOTS)
+    let chosen: Vec<Option<(f64, Pilot)>> = spread(named.len(), PILOTS)
         .into_par_iter()
         .map(|place| {
             let view = named[place];
@@ -544,11 +651,18 @@ fn choose_reach(capture: &Capture, camera: &CameraModel, locals: usize) -> Resul
                 }
                 narrower.push(line);
             }
-            Ok(Some(candidates[narrower.len().max(1) - 1]))
+            let reach = candidates[narrower.len().max(1) - 1];
+            let pilot = Pilot {
+                view,
+                photographed: pilot,
+                lines: candidates.iter().copied().zip(narrower).collect(),
+            };
+            Ok(Some((reach, pilot)))
         })
         .collect::<Result<_>>()?;
-    let least = chosen.into_iter().flatten().fold(f64::INFINITY, f64::min);
-    Ok(least.min(widest))
+    let (reaches, pilots): (Vec<f64>, Vec<Pilot>) = chosen.into_iter().flatten().unzip();
+    let least = reaches.into_iter().fold(widest, f64::min);
+    Ok((least, pilots))
 }
 
 /// Whether `wider` differs from `narrower` by no more than the latter's noise and [`ROWS_BIAS`].
@@ -763,7 +877,7 @@ fn warnings(
         .iter()
         .map(|p| p.offset[1].abs() / radius)
         .fold(0.0, f64::max);
-    if shift > 0.02 {
+    if shift > OFF_CENTRE {
         warnings.push(format!(
             "The object's centre is up to {:.1} % of its radius off the orbit's centre; the found outline was used.",
             100.0 * shift
@@ -774,7 +888,7 @@ fn warnings(
         .iter()
         .map(|p| p.sigma_radius_scale)
         .fold(f64::INFINITY, f64::min);
-    if scale.abs() > 0.005 + 4.0 * sigma {
+    if scale.abs() > SIZE_CHANGE + SIZE_SIGMAS * sigma {
         warnings.push(format!(
             "The object looks {:.1} % {} than radius, distance and focal length say; the found outline was used. Check these three.",
             100.0 * scale.abs(),

@@ -1,6 +1,7 @@
 //! Recipes, the order of the stages, products and provenance.
 
 mod advice;
+mod balance;
 mod brdf_products;
 mod causes;
 mod execute;
@@ -22,14 +23,16 @@ mod run;
 mod scale;
 mod scenery;
 mod spectrum;
+mod trial;
 mod usable;
 
+pub use crate::files::Claim;
 pub use execute::{execute, input_hashes};
 pub use fit::FitQuality;
 pub use joint::ChannelGauge;
-pub use measure::{Measured, measure};
+pub use measure::{Measured, Taken, at_angles, measure, take};
 pub use orbit::OrbitRefinement;
-pub use products::{Claim, Folder, Found, Product, products};
+pub use products::{Folder, Found, Product, products};
 pub use progress::{Progress, Silent};
 pub use recipe::{LightFieldOptions, Recipe, Recover, RecoveryOptions};
 pub use run::{Preview, Recovered, Run, Spectrum, Verdict, ViewRecord};

@@ -5,11 +5,13 @@ use serde::{Deserialize, Serialize};
 use super::measure::Measured;
 use super::orbit_errors;
 use super::recipe::{Recipe, Recover};
+use crate::angle::WorldAngle;
+use crate::brdf::Material;
 use crate::capture::Capture;
 use crate::error::Result;
 use crate::light_field::grid;
 use crate::recover::lighting::{LightingEstimate, model_order};
-use crate::recover::orbit::{Form, Offsets, refine};
+use crate::recover::orbit::{Form, Offsets, Stated, refine};
 
 /// Least frequency up to which light is modelled: a sun's shadow begins with a kink, of which 1/order is missed.
 const LEAST_ORDER: usize = 120;
@@ -59,53 +61,53 @@ impl OrbitRefinement {
     }
 }
 
+/// Change of a normal (radians) from which the object's place is settled anew: a thousandth of a degree.
+const UNSETTLED: f64 = 1.7e-5;
+
 /// Moves the samples to the refined angles, and puts what stays uncertain into their σ. `None` if the capture's
-/// angles are exact, or the light is known.
+/// angles are exact, or the light is known. `measure` measures the photos anew with other angles: of an object beside the
+/// orbit's centre the angles say where it stands in each view.
 ///
 /// # Errors
-/// If the recipe's BRDF cannot be read or the equations cannot be solved.
+/// If the recipe's BRDF cannot be read, the equations cannot be solved, or `measure` fails.
 pub fn refine_orbit(
     measured: &mut Measured,
     recipe: &Recipe,
     capture: &Capture,
+    measure: &dyn Fn(&Capture) -> Result<Measured>,
 ) -> Result<Option<OrbitRefinement>> {
     let stated = capture.camera.orbit_sigma_deg;
     if !(stated > 0.0) {
         return Ok(None);
     }
-    let samples = &measured.samples;
     let (views, sigma) = (capture.views.len(), stated.to_radians());
     if recipe.recover == Recover::Brdf {
         // Under known light the errors are fitted along with the BRDF, as the geometry's other ones.
-        let errors = orbit_errors::errors(samples, views, sigma);
+        let errors = orbit_errors::errors(&measured.samples, views, sigma);
         measured.systematics.extend(errors);
         return Ok(None);
     }
-    let found = match (&recipe.brdf, recipe.recover) {
-        (Some(described), Recover::Lighting) => {
-            let material = described.material(&samples.channels, &recipe.folder)?;
-            let order: Vec<usize> = material
-                .brdfs
-                .iter()
-                .map(|b| {
-                    recipe
-                        .recovery
-                        .band
-                        .unwrap_or(model_order(b.as_ref()).max(LEAST_ORDER))
-                })
-                .collect();
-            let form = Form::Surface {
-                material: &material,
-                order: &order,
-            };
-            refine(samples, views, sigma, form)?
+    let known = Known::of(recipe, &measured.samples.channels)?;
+    let mut found = known.refine(measured, sigma, &vec![0.0; views])?;
+    let mut turned = vec![0.0; views];
+    let turns = found.offset.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+    let [x, y] = measured.displacement;
+    if turns * x.hypot(y) > UNSETTLED * capture.object.radius {
+        turned.clone_from(&found.offset);
+        let mut anew = capture.clone();
+        for (view, turn) in anew.views.iter_mut().zip(&turned) {
+            view.orbit = WorldAngle::radians(view.orbit.rad() + turn);
         }
-        _ => refine(samples, views, sigma, Form::Smooth)?,
-    };
+        *measured = measure(&anew)?;
+        found = known.refine(measured, sigma, &turned)?;
+    }
     for column in &mut measured.samples.columns {
         for (alpha, &view) in column.alpha.iter_mut().zip(&column.view) {
             *alpha += found.offset.get(view as usize).copied().unwrap_or(0.0);
         }
+    }
+    for (offset, turned) in found.offset.iter_mut().zip(&turned) {
+        *offset += turned;
     }
     // Light that is sought turns with all angles together, see `turn`; where none is, that is an error like the others.
     let gauge = match recipe.recover {
@@ -123,6 +125,43 @@ pub fn refine_orbit(
     }
     measured.field = grid(&measured.samples, measured.field.grid, &measured.pixels);
     Ok(Some(OrbitRefinement::new(stated, &found)))
+}
+
+/// What the recipe says of the light field's form.
+struct Known {
+    /// The BRDF and the light's largest frequency, \[channel\].
+    surface: Option<(Material, Vec<usize>)>,
+}
+
+impl Known {
+    fn of(recipe: &Recipe, channels: &[String]) -> Result<Self> {
+        let (Some(described), Recover::Lighting) = (&recipe.brdf, recipe.recover) else {
+            return Ok(Self { surface: None });
+        };
+        let material = described.material(channels, &recipe.folder)?;
+        let band = recipe.recovery.band;
+        let orders = material.brdfs.iter();
+        let order = orders
+            .map(|b| band.unwrap_or(model_order(b.as_ref()).max(LEAST_ORDER)))
+            .collect();
+        Ok(Self {
+            surface: Some((material, order)),
+        })
+    }
+
+    fn refine(&self, measured: &Measured, sigma: f64, turned: &[f64]) -> Result<Offsets> {
+        let stated = Stated {
+            views: turned.len(),
+            sigma,
+            turned,
+            systematics: &measured.systematics,
+        };
+        let form = match &self.surface {
+            Some((material, order)) => Form::Surface { material, order },
+            None => Form::Smooth,
+        };
+        refine(&measured.samples, stated, form)
+    }
 }
 
 /// Adds to a recovered light's σ that all of it may be turned by `sigma` (radians), as the orbit angles together.

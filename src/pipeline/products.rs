@@ -13,7 +13,7 @@ use super::run::Run;
 use super::{brdf_products, material, record};
 use crate::brdf::fit::BrdfModels;
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::{self, Claim, STAGING};
 use crate::light_field::encode;
 use crate::lighting::{SpectrumRow, environment::write_lat_long, write_spectrum, write_values};
 use crate::recover::Status;
@@ -158,6 +158,9 @@ fn summary(run: &Run) -> serde_json::Value {
                 object.insert("unexplained".into(), json!(fit.unexplained));
                 if let Some(violation) = fit.violation {
                     object.insert("violation_of_reciprocity".into(), json!(violation));
+                }
+                if let Some(across) = fit.across {
+                    object.insert("change_across_plane".into(), json!(across));
                 }
                 object.insert("verdict".into(), json!(fit.verdict));
             }
@@ -368,25 +371,17 @@ impl Folder {
     /// If a file cannot be written; nothing of the folder has changed then unless the renaming itself failed.
     pub fn write(&self, run: &Run, report: &str) -> Result<()> {
         files::make_folder(&self.path)?;
-        let staging = self.staging();
-        if let Err(error) = self.stage(&staging, run, report) {
+        if let Err(error) = self.stage(run, report) {
             // Nothing reads what is left of it, if it cannot be removed either.
-            let _ = fs::remove_dir_all(&staging);
+            let _ = files::discard(&self.path);
             return Err(error);
         }
-        self.commit(&staging)
-    }
-
-    fn staging(&self) -> PathBuf {
-        self.path.join(STAGING)
+        self.commit()
     }
 
     /// Writes all products into the staging folder.
-    fn stage(&self, staging: &Path, run: &Run, report: &str) -> Result<()> {
-        if staging.exists() {
-            fs::remove_dir_all(staging).map_err(|e| files::unwritten(staging, &e))?;
-        }
-        files::make_folder(staging)?;
+    fn stage(&self, run: &Run, report: &str) -> Result<()> {
+        let staging = files::stage(&self.path)?;
         let products = products(run, report);
         let hashes: BTreeMap<String, String> = products
             .par_iter()
@@ -407,36 +402,24 @@ impl Folder {
         };
         let text = serde_json::to_value(&provenance)
             .map_err(|e| Error::failed(format!("provenance cannot be written as JSON: {e}")))?;
-        files::flush_folder(staging)?;
+        files::flush_folder(&staging)?;
         // Whole, for its being there says that all others are.
         files::write_whole(&staging.join(PROVENANCE), &pretty(&text))?;
-        files::flush_folder(staging)
+        files::flush_folder(&staging)
     }
 
     /// Gives the staged products their names.
-    fn commit(&self, staging: &Path) -> Result<()> {
-        let file = staging.join(PROVENANCE);
+    fn commit(&self) -> Result<()> {
+        let file = self.path.join(STAGING).join(PROVENANCE);
         let provenance: Provenance =
             serde_json::from_slice(&files::bytes(&file)?).map_err(|e| Error::read(&file, e))?;
+        let names: Vec<&str> = provenance.products.keys().map(String::as_str).collect();
         // What an earlier run left and this one does not have must not be taken for its result.
-        let staged = |name: &str| provenance.products.contains_key(name);
-        let stale = ALL_PRODUCTS.into_iter().filter(|name| !staged(name));
-        for name in [PROVENANCE].into_iter().chain(stale) {
-            files::remove(&self.path.join(name))?;
-        }
-        for name in provenance.products.keys() {
-            let from = staging.join(name);
-            // It has its name already if an earlier attempt was interrupted.
-            if from.exists() {
-                files::rename(&from, &self.path.join(name))?;
-            }
-        }
-        files::flush_folder(&self.path)?;
-        files::rename(&staging.join(PROVENANCE), &self.path.join(PROVENANCE))?;
-        files::flush_folder(&self.path)?;
-        // The products have their names; an empty folder that stays behind is removed by the next run.
-        let _ = fs::remove_dir_all(staging);
-        Ok(())
+        let stale: Vec<&str> = ALL_PRODUCTS
+            .into_iter()
+            .filter(|name| !names.contains(name))
+            .collect();
+        files::commit(&self.path, &names, &stale, PROVENANCE)
     }
 
     /// Takes the folder for this process alone, until the value is dropped; makes it if it is not there, and finishes or
@@ -445,46 +428,26 @@ impl Folder {
     /// # Errors
     /// If another process holds it, or it cannot be made or written to.
     pub fn claim(&self) -> Result<Claim> {
-        if self.path.exists() && !self.path.is_dir() {
-            return Err(
-                Error::input("expected a folder for the products, found a file")
-                    .file(&self.path)
-                    .advice("Give another folder with --out."),
-            );
-        }
-        let made: Vec<PathBuf> = self
-            .path
-            .ancestors()
-            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
-            .map(Path::to_path_buf)
-            .collect();
-        // From here on what was made is removed again if it stays empty.
-        let mut claim = Claim { made, lock: None };
-        files::make_folder(&self.path).map_err(|e| {
-            // Before any work, a place that cannot be written to is a wrong request.
-            Error::input(e.to_string()).advice("Give a folder that you may write to with --out.")
-        })?;
-        if let Ok(folder) = fs::File::open(&self.path) {
-            match folder.try_lock() {
-                Ok(()) => claim.lock = Some(folder),
-                Err(fs::TryLockError::WouldBlock) => {
-                    claim.made.clear();
-                    return Err(Error::input("another flatlight is at work in this folder")
-                        .file(&self.path)
-                        .advice("Wait for it to end, or give another folder with --out."));
-                }
-                // A file system without locks.
-                Err(fs::TryLockError::Error(_)) => {}
-            }
-        }
+        let claim = files::claim(&self.path)?;
         self.repair()?;
         Ok(claim)
+    }
+
+    /// Keeps the folder as it is while it is read, until the value is dropped; finishes before what an interrupted run left half done.
+    ///
+    /// # Errors
+    /// If another process writes to it, or what was left cannot be finished.
+    pub fn share(&self) -> Result<Claim> {
+        if self.path.join(STAGING).exists() {
+            self.claim()?;
+        }
+        files::share(&self.path)
     }
 
     /// Finishes the commit of an interrupted run whose products were all staged; removes what is left of one that had not come
     /// so far.
     fn repair(&self) -> Result<()> {
-        let staging = self.staging();
+        let staging = self.path.join(STAGING);
         if !staging.exists() {
             return Ok(());
         }
@@ -498,39 +461,15 @@ impl Folder {
             })
         };
         if read_provenance(&staging.join(PROVENANCE)).is_some_and(|p| whole(&p)) {
-            return self.commit(&staging);
+            return self.commit();
         }
-        fs::remove_dir_all(&staging).map_err(|e| files::unwritten(&staging, &e))
-    }
-}
-
-/// A folder that no other process may write to meanwhile.
-#[derive(Debug)]
-pub struct Claim {
-    /// Folders that were made for it, the innermost first.
-    made: Vec<PathBuf>,
-    /// Held for its lock, which ends with the process in any case.
-    lock: Option<fs::File>,
-}
-
-impl Drop for Claim {
-    fn drop(&mut self) {
-        for folder in &self.made {
-            // Not if there is anything in it.
-            if fs::remove_dir(folder).is_err() {
-                break;
-            }
-        }
-        drop(self.lock.take());
+        files::discard(&self.path)
     }
 }
 
 fn read_provenance(path: &Path) -> Option<Provenance> {
     serde_json::from_slice(&files::bytes(path).ok()?).ok()
 }
-
-/// Prefix of the folder in which products are written before they get their names.
-const STAGING: &str = ".flatlight-partial";
 
 /// Every name a product can have.
 const ALL_PRODUCTS: [&str; 14] = [

@@ -44,6 +44,8 @@ pub struct Recovered {
     pub gauge: Vec<ChannelGauge>,
     /// As in [`Run`].
     pub warnings: Vec<String>,
+    /// What would explain more of the photographs, if a recovery does not and something was found: a cause, in words.
+    pub cause: Option<String>,
     /// What to photograph next, a plain sentence; one of the findings.
     pub advice: Option<String>,
 }

@@ -4,59 +4,88 @@ use num_complex::Complex64;
 use rayon::prelude::*;
 
 use super::run::Spectrum;
-use crate::fourier::CircleTransform;
-use crate::light_field::Samples;
+use crate::fourier::{CircleTransform, irregular};
+use crate::light_field::{Column, Samples};
 
 /// Frequencies of the light field's spectrum that are shown.
 const SPECTRUM_ORDER: usize = 60;
 
 /// |B_p(θo′)| by columns: the weighted means of b e^{−ipα} over even bins of α, which for even views is the DFT.
 pub fn spectrum(samples: &Samples) -> Vec<Spectrum> {
-    (0..samples.channels.len())
-        .into_par_iter()
-        .map(|c| {
-            let order = samples
-                .columns
-                .iter()
-                .map(|column| column.alpha.len() / 2)
-                .max()
-                .unwrap_or(0)
-                .min(SPECTRUM_ORDER);
-            let (mut power, mut noise) = (vec![0.0; order + 1], vec![0.0; order + 1]);
+    let longest = samples.columns.iter().map(|c| c.alpha.len()).max();
+    let order = (longest.unwrap_or(0) / 2).min(SPECTRUM_ORDER);
+    let columns: Vec<Vec<Option<ColumnSpectrum>>> = samples
+        .columns
+        .par_iter()
+        .map(|column| of_column(column, samples.channels.len(), order))
+        .collect();
+    samples
+        .channels
+        .par_iter()
+        .enumerate()
+        .map(|(c, channel)| {
+            let (mut power, mut noise) = (vec![0.0; order + 1], 0.0);
             let locals = samples.columns.len();
-            let mut rows = vec![vec![0.0; locals]; order + 1];
             let mut parts = vec![vec![Complex64::ZERO; locals]; order + 1];
             let mut used = 0usize;
-            for (j, column) in samples.columns.iter().enumerate() {
-                let seen: Vec<usize> = (0..column.alpha.len())
-                    .filter(|&i| column.variance[c][i].is_finite())
-                    .collect();
-                // A column that few views see has no spectrum of its own.
-                if seen.len() < 2 * order.max(1) * 9 / 10 {
+            for (j, column) in columns.iter().enumerate() {
+                let Some(column) = column.get(c).and_then(Option::as_ref) else {
                     continue;
-                }
+                };
                 used += 1;
-                let n = seen.len() as f64;
-                let mean_variance = seen.iter().map(|&i| column.variance[c][i]).sum::<f64>() / n;
-                for p in 0..=order {
-                    let mut sum = Complex64::ZERO;
-                    for &i in &seen {
-                        sum += column.value[c][i] * Complex64::cis(-(p as f64) * column.alpha[i]);
-                    }
-                    let value = sum / n;
+                noise += column.noise;
+                for (p, value) in column.means.iter().enumerate() {
                     power[p] += value.norm_sqr();
-                    noise[p] += mean_variance / n;
-                    rows[p][j] = value.norm();
-                    parts[p][j] = value;
+                    parts[p][j] = *value;
                 }
             }
             let rms = |sum: f64| (sum / used.max(1) as f64).sqrt();
             Spectrum {
-                channel: samples.channels[c].clone(),
+                channel: channel.clone(),
                 magnitude: power.into_iter().map(rms).collect(),
-                noise_floor: noise.into_iter().map(rms).collect(),
+                noise_floor: vec![rms(noise); order + 1],
                 image: local_spectrum(&parts, order),
             }
+        })
+        .collect()
+}
+
+/// One column in one channel.
+struct ColumnSpectrum {
+    /// Mean of b e^{−ipα}, \[p\].
+    means: Vec<Complex64>,
+    /// Its variance.
+    noise: f64,
+}
+
+/// By channel; `None` for a column that few views see, which has no spectrum of its own.
+fn of_column(column: &Column, channels: usize, order: usize) -> Vec<Option<ColumnSpectrum>> {
+    let seen: Vec<(Vec<f64>, f64, usize)> = (0..channels)
+        .map(|c| {
+            let (mut variance, mut count) = (0.0, 0);
+            let both = column.value[c].iter().zip(&column.variance[c]);
+            let values = both.map(|(value, v)| {
+                if v.is_finite() {
+                    variance += v;
+                    count += 1;
+                    *value
+                } else {
+                    0.0
+                }
+            });
+            (values.collect(), variance, count)
+        })
+        .collect();
+    let values: Vec<&[f64]> = seen.iter().map(|(values, ..)| values.as_slice()).collect();
+    let sums = irregular::sums(&irregular::turns(&column.alpha), &values, order);
+    sums.into_iter()
+        .zip(&seen)
+        .map(|(sums, &(_, variance, count))| {
+            let n = count as f64;
+            (count >= 2 * order.max(1) * 9 / 10).then(|| ColumnSpectrum {
+                means: sums.into_iter().map(|sum| sum / n).collect(),
+                noise: variance / (n * n),
+            })
         })
         .collect()
 }

@@ -19,6 +19,9 @@ const TIME_MISTAKE: f64 = 0.2;
 /// The least number of pixels that two exposures share before they are compared.
 const SHARED: f64 = 64.0;
 
+/// Part of its light by which the neighbours of a pixel in an even area differ.
+const FLAT: f32 = 0.05;
+
 /// Mean square difference of two exposures, in units of the noise, up to which noise explains it; pixels that
 /// count as independent in what is beyond.
 const MISFIT: f64 = 1.3;
@@ -29,11 +32,15 @@ const BIN: usize = 512;
 
 /// Factors by which the stated exposure times are to be multiplied, one per exposure, from the
 /// ratios of the pixels that two successive exposures both show well. Their common factor cannot
-/// be seen: the mean of their logarithms is 0.
+/// be seen: the mean of their logarithms is that of `thought`, the factors that are expected.
 ///
 /// # Errors
 /// A ratio is so far off that the times must be wrong or swapped. `files` names the photos.
-pub(super) fn time_factors(planes: &[Bracket<'_>], files: &[&Path]) -> Result<Vec<f64>> {
+pub(super) fn time_factors(
+    planes: &[Bracket<'_>],
+    files: &[&Path],
+    thought: &[f64],
+) -> Result<Vec<f64>> {
     let seconds = planes
         .first()
         .map(|p| p.seconds.clone())
@@ -42,7 +49,8 @@ pub(super) fn time_factors(planes: &[Bracket<'_>], files: &[&Path]) -> Result<Ve
     let expected: Vec<Vec<f32>> = planes.iter().map(Bracket::expected).collect();
     let order = by_time(&seconds);
     let mut matrix = DMatrix::<f64>::identity(n, n) / (TIME_ERROR * TIME_ERROR);
-    let mut right = DVector::<f64>::zeros(n);
+    let expected_log = |k: usize| thought.get(k).map_or(0.0, |f| f.ln());
+    let mut right = DVector::from_fn(n, |k, _| expected_log(k) / (TIME_ERROR * TIME_ERROR));
     for pair in order.windows(2) {
         let &[short, long] = pair else { continue };
         let Some((ratio, sigma)) = log_ratio(planes, &expected, short, long) else {
@@ -103,13 +111,35 @@ fn log_ratio(
     short: usize,
     long: usize,
 ) -> Option<(f64, f64)> {
+    let over = |flat: bool| ratio_over(planes, expected, short, long, flat);
+    // Beside edges, what blurs or sharpens stored codes changes the ratio; where noise is known codes are mostly linear.
+    match planes.iter().all(|plane| plane.noise.is_some()) {
+        true => over(false),
+        false => over(true).or_else(|| over(false)),
+    }
+}
+
+/// [`log_ratio`] over all pixels, or those that are `flat`: like their neighbours.
+fn ratio_over(
+    planes: &[Bracket<'_>],
+    expected: &[Vec<f32>],
+    short: usize,
+    long: usize,
+    flat: bool,
+) -> Option<(f64, f64)> {
     let mut sums = [0.0; 2];
     let mut variances = [0.0; 2];
+    // The same ratio by each channel alone: its logarithm, its variance, and the light it rests on.
+    let mut channels: Vec<(f64, f64, f64)> = Vec::new();
     // Products of what both show, weighted by the noise: what no common ratio explains.
     let (mut ss, mut sl, mut ll) = (0.0, 0.0, 0.0);
     let mut count = 0_u32;
     for (plane, expected) in planes.iter().zip(expected) {
-        for (_, measured, variance) in shared(plane, expected, short, long) {
+        let before = (sums, variances);
+        for (i, measured, variance) in shared(plane, expected, short, long) {
+            if flat && !is_flat(expected, i, plane.width) {
+                continue;
+            }
             count += 1;
             let shown = measured.map(|m| m.signal / m.reach);
             let noise = [0, 1].map(|k: usize| variance[k] / measured[k].reach.powi(2));
@@ -121,6 +151,11 @@ fn log_ratio(
             ss += weight * shown[0] * shown[0];
             sl += weight * shown[0] * shown[1];
             ll += weight * shown[1] * shown[1];
+        }
+        let own = [0, 1].map(|k: usize| sums[k] - before.0[k]);
+        if own[0] > 0.0 && own[1] > 0.0 {
+            let variance = (0..2).map(|k| (variances[k] - before.1[k]) / (own[k] * own[k]));
+            channels.push(((own[1] / own[0]).ln(), variance.sum(), own[0]));
         }
     }
     if f64::from(count) < SHARED || sums[0] <= 0.0 || sums[1] <= 0.0 {
@@ -136,9 +171,43 @@ fn log_ratio(
         true => 1.0 + (misfit - MISFIT).max(0.0) * together,
         false => misfit.max(1.0) * together,
     };
-    let variance = variance * excess;
+    let variance = variance * excess + disagreement(&channels, ratio.ln());
     // Nothing about a camera is stable to better than a part in ten thousand.
     Some((ratio.ln(), (variance + 1e-8).sqrt()))
+}
+
+/// Whether a pixel's neighbours show its light to a part of [`FLAT`].
+fn is_flat(expected: &[f32], pixel: usize, width: usize) -> bool {
+    let Some(&here) = expected.get(pixel) else {
+        return false;
+    };
+    let like = |at: Option<usize>| {
+        let there = at.and_then(|at| expected.get(at));
+        there.is_none_or(|there| (there - here).abs() <= FLAT * here)
+    };
+    like(pixel.checked_sub(1))
+        && like(pixel.checked_add(1))
+        && like(pixel.checked_sub(width))
+        && like(pixel.checked_add(width))
+}
+
+/// Variance of a logarithm of light's ratio that its channels show by their scatter about it, beyond their noise: one
+/// shutter exposes all, so what differs is the curves' error. `channels`: logarithm, variance, light.
+fn disagreement(channels: &[(f64, f64, f64)], ratio: f64) -> f64 {
+    let total: f64 = channels.iter().map(|c| c.2).sum();
+    let (mut scatter, mut shares) = (0.0, 0.0);
+    for (log, variance, light) in channels {
+        let share = light / total;
+        scatter += share * ((log - ratio).powi(2) - variance).max(0.0);
+        shares += share * share;
+    }
+    // That of the mean of 1/Σ share² channels, from as many less one.
+    let freedom = 1.0 / shares - 1.0;
+    if freedom > 1e-3 {
+        scatter / freedom
+    } else {
+        0.0
+    }
 }
 
 /// Pixels that two exposures both show well, by their expected signal: their index, measurements
@@ -275,4 +344,24 @@ fn scatter(values: impl Iterator<Item = f64> + Clone) -> f64 {
         limit = Some((mean, variance.sqrt()));
     }
     moments(limit).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_that_disagree_make_a_ratio_uncertain() {
+        // Three channels of like light: the variance of their mean, by the textbook.
+        let logs = [-0.06, -0.08, -0.19];
+        let mean = -0.11;
+        let textbook = logs.iter().map(|l| f64::powi(l - mean, 2)).sum::<f64>() / 2.0 / 3.0;
+        let channels = logs.map(|log| (log, 1e-12, 5.0));
+        assert!((disagreement(&channels, mean) / textbook - 1.0).abs() < 1e-6);
+        // What noise explains is no disagreement, and one channel cannot disagree.
+        let noisy = logs.map(|log| (log, 0.01, 5.0));
+        assert_eq!(disagreement(&noisy, mean), 0.0);
+        assert_eq!(disagreement(&channels[..1], -0.06), 0.0);
+        assert_eq!(disagreement(&[], 0.0), 0.0);
+    }
 }

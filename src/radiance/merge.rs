@@ -136,7 +136,14 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
         .collect();
 
     let aligned: Vec<Exposure>;
-    let (mut planes, mut factors) = solved(&stated, &exposures, &files)?;
+    let thought: Vec<f64> = match &capture.sensor.encoding {
+        Some(Encoding::Recover(Some(curve))) => exposures
+            .iter()
+            .map(|e| curve.time_factor(e.seconds))
+            .collect(),
+        _ => vec![1.0; exposures.len()],
+    };
+    let (mut planes, mut factors) = solved(&stated, &exposures, &files, &thought)?;
     let shifts = if exposures.len() > 1 {
         motion::between(&exposures, &planes, &files)?
     } else {
@@ -149,7 +156,7 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
         let by: Vec<[f64; 2]> = shifts.iter().map(|shift| shift.by).collect();
         aligned = align::aligned(&exposures, &by, &planes);
         // Times and noise that were found on moved pictures are found again.
-        (planes, factors) = solved(&stated, &aligned, &files)?;
+        (planes, factors) = solved(&stated, &aligned, &files, &thought)?;
     }
     let noise_known = planes.iter().all(|plane| plane.noise.is_some());
     let mut merged: Vec<Plane> = match exposures.as_slice() {
@@ -189,17 +196,18 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
 }
 
 /// The planes of some exposures with their times corrected and their noise estimated where `stated` has
-/// none, and the factors of the times.
+/// none, and the factors of the times, which are thought to be about `thought`.
 fn solved<'a>(
     stated: &[Bracket<'a>],
     exposures: &'a [Exposure],
     files: &[&Path],
+    thought: &[f64],
 ) -> Result<(Vec<Bracket<'a>>, Vec<f64>)> {
     let mut planes = brackets_of(exposures, stated);
     if exposures.len() < 2 {
         return Ok((planes, vec![1.0; exposures.len()]));
     }
-    let factors = brackets::time_factors(&planes, files)?;
+    let factors = brackets::time_factors(&planes, files, thought)?;
     for plane in &mut planes {
         for (seconds, factor) in plane.seconds.iter_mut().zip(&factors) {
             *seconds *= factor;

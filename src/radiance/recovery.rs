@@ -155,13 +155,15 @@ pub fn recover(capture: &Capture) -> Result<Recovery> {
     }
     let fitted = curve::fit(&patches, &seconds, codes)?;
     let rows = codes.table();
+    let times: Vec<(f64, f64)> = seconds.into_iter().zip(fitted.time_factors).collect();
     Ok(Recovery {
         curve: ResponseCurve {
             linear: fitted.channels.iter().map(|g| g.linear(&rows)).collect(),
             sigma: fitted.channels.iter().map(|g| g.sigma(&rows)).collect(),
             stored: rows,
+            times: times.clone(),
         },
-        times: seconds.into_iter().zip(fitted.time_factors).collect(),
+        times,
         patches: patches.iter().map(Vec::len).sum(),
         misfit: fitted.misfit,
     })

@@ -149,6 +149,11 @@ fn photos_with_a_recovered_response_merge_to_radiance() {
     let folder = tempfile::tempdir().unwrap();
     let capture = shoot(folder.path(), film, &TIMES);
     let found = develop(&capture, 0, 0..HEIGHT as u32).unwrap();
+    for (photo, real) in found.exposures.windows(2).zip(TIMES.windows(2)) {
+        let ratio = real[1].0 / real[0].0 * photo[1].time_factor / photo[0].time_factor;
+        let real = real[1].1 / real[0].1;
+        assert!((ratio / real - 1.0).abs() < 0.02, "{ratio} {real}");
+    }
     // One scale per channel is open; beyond it radiances are right from dark to bright.
     for (c, value) in found.radiance.value.iter().enumerate() {
         let pairs: Vec<(f64, f64)> = value

@@ -6,6 +6,9 @@
 //! nonlinear least-squares problem in the views' offsets δ alone (variable projection: Golub and Pereyra, SIAM J. Numer.
 //! Anal. 10 (1973), with Kaufman's derivative, BIT 15 (1975)), with a normal prior on each. All angles turned
 //! alike is all light turned back; of that nothing but the prior knows, and its σ says so.
+//!
+//! An object that stands or looks a little other than its outline says turns normals by an amount that changes slowly
+//! along the orbit, and would pass for wrong angles: such errors, which all samples share, are sought along with the angles.
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
@@ -16,7 +19,7 @@ use super::normal::{NormalSystem, position, to_series};
 use crate::brdf::{Material, transfer_row};
 use crate::error::{Error, Result};
 use crate::fourier::Series;
-use crate::light_field::Samples;
+use crate::light_field::{Samples, Systematic};
 
 /// Most steps of Gauss and Newton, and the change (radians) at which they end: 6e-6°.
 const STEPS: usize = 12;
@@ -47,10 +50,29 @@ pub enum Form<'a> {
     Smooth,
 }
 
+/// What is known of the angles before.
+#[derive(Clone, Copy, Debug)]
+pub struct Stated<'a> {
+    /// Number of views.
+    pub views: usize,
+    /// Standard deviation of each angle, radians.
+    pub sigma: f64,
+    /// By how much the samples' angles have been turned from the stated ones already, \[view\], radians; none if empty.
+    pub turned: &'a [f64],
+    /// Errors that all samples have in common.
+    pub systematics: &'a [Systematic],
+}
+
+impl Stated<'_> {
+    fn unknowns(&self) -> usize {
+        self.views + self.systematics.len()
+    }
+}
+
 /// The refined orbit angles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Offsets {
-    /// To be added to each view's orbit angle, radians.
+    /// To be added to each view's orbit angle in the samples, radians.
     pub offset: Vec<f64>,
     /// Standard deviation of each offset from their mean, radians.
     pub sigma: Vec<f64>,
@@ -71,7 +93,7 @@ struct Block {
 
 /// What a block says at given angles.
 struct Solved {
-    /// Jᵀ W r and Jᵀ W J with the block's unknowns eliminated, \[view\] and \[view\]\[view\].
+    /// Jᵀ W r and Jᵀ W J with the block's unknowns eliminated; J has a column for each view and each common error.
     gradient: Vec<f64>,
     normal: Mat<f64>,
     chi2: f64,
@@ -89,10 +111,10 @@ struct Sum {
 }
 
 impl Sum {
-    fn new(views: usize) -> Self {
+    fn new(unknowns: usize) -> Self {
         Self {
-            gradient: vec![0.0; views],
-            normal: Mat::zeros(views, views),
+            gradient: vec![0.0; unknowns],
+            normal: Mat::zeros(unknowns, unknowns),
             chi2: 0.0,
             freedom: 0.0,
             slopes: Vec::new(),
@@ -116,31 +138,37 @@ impl Sum {
         self.freedom += solved.freedom;
     }
 
-    /// Gradient and normal matrix with the prior's, for offsets at `offset`. What the form does not hold counts as noise.
-    fn with_prior(&self, offset: &[f64], sigma: f64) -> (Vec<f64>, Mat<f64>) {
+    /// Gradient and normal matrix with the prior's, for unknowns at `state`. What the form does not hold counts as noise.
+    fn with_prior(&self, state: &[f64], stated: &Stated<'_>) -> (Vec<f64>, Mat<f64>) {
         let scale = if self.freedom > 0.0 {
             (self.chi2 / self.freedom).max(1.0)
         } else {
             1.0
         };
-        let precision = 1.0 / (sigma * sigma);
-        let gradient = self.gradient.iter().zip(offset);
         let mut normal = &self.normal * faer::Scale(1.0 / scale);
-        for k in 0..offset.len() {
+        let mut gradient: Vec<f64> = self.gradient.iter().map(|g| g / scale).collect();
+        for (k, (g, d)) in gradient.iter_mut().zip(state).enumerate() {
+            // Common errors are in units of their σ.
+            let (precision, from) = if k < stated.views {
+                let turned = stated.turned.get(k).copied().unwrap_or(0.0);
+                (stated.sigma.powi(-2), d + turned)
+            } else {
+                (1.0, *d)
+            };
             normal[(k, k)] += precision;
+            *g -= from * precision;
         }
-        (
-            gradient.map(|(g, d)| g / scale - d * precision).collect(),
-            normal,
-        )
+        (gradient, normal)
     }
 }
 
-/// Finds the offsets of `views` views whose angles are known with the standard deviation `sigma` (radians).
+/// Finds the offsets of the views' angles.
 ///
 /// # Errors
-/// If `sigma` is not positive or the equations cannot be solved (samples that are not finite).
-pub fn refine(samples: &Samples, views: usize, sigma: f64, form: Form<'_>) -> Result<Offsets> {
+/// If the angles' σ is not positive or the equations cannot be solved (samples that are not finite).
+pub fn refine(samples: &Samples, stated: Stated<'_>, form: Form<'_>) -> Result<Offsets> {
+    let Stated { views, sigma, .. } = stated;
+    let unknowns = stated.unknowns();
     if !(sigma > 0.0 && sigma.is_finite()) {
         return Err(Error::input(format!(
             "expected a standard deviation above 0, found {sigma}"
@@ -148,7 +176,7 @@ pub fn refine(samples: &Samples, views: usize, sigma: f64, form: Form<'_>) -> Re
         .key("camera.orbit_sigma_deg"));
     }
     let blocks = blocks(samples, form)?;
-    let mut offset = vec![0.0; views];
+    let mut state = vec![0.0; unknowns];
     let mut moved = samples.clone();
     for c in 0..samples.channels.len() {
         let values = samples.columns.iter().flat_map(|k| &k.value[c]);
@@ -167,22 +195,25 @@ pub fn refine(samples: &Samples, views: usize, sigma: f64, form: Form<'_>) -> Re
     let unsolvable =
         || Error::failed("the orbit angles cannot be refined: the equations are degenerate");
     for step in 0.. {
-        let mut sum = Sum::new(views);
+        let mut sum = Sum::new(unknowns);
         // In portions, since every block brings a matrix of its own.
         for portion in blocks.chunks(PORTION) {
             let solved: Vec<Option<Solved>> = portion
                 .par_iter()
-                .map(|block| block.solve(&moved, views))
+                .map(|block| block.solve(&moved, &stated))
                 .collect();
             for (block, solved) in portion.iter().zip(solved) {
                 sum.add(samples, block, solved);
             }
         }
-        let (gradient, normal) = sum.with_prior(&offset, sigma);
+        let (gradient, normal) = sum.with_prior(&state, &stated);
         let factor = normal.llt(Side::Lower).map_err(|_| unsolvable())?;
-        let change = factor.solve(&Mat::from_fn(views, 1, |k, _| gradient[k]));
+        let change = factor.solve(&Mat::from_fn(unknowns, 1, |k, _| gradient[k]));
         let largest = (0..views).fold(0.0f64, |m, k| m.max(change[(k, 0)].abs()));
         if !largest.is_finite() {
+            return Err(unsolvable());
+        }
+        if (0..unknowns).any(|k| !change[(k, 0)].is_finite()) {
             return Err(unsolvable());
         }
         if largest < CONVERGED || step + 1 >= STEPS {
@@ -197,23 +228,40 @@ pub fn refine(samples: &Samples, views: usize, sigma: f64, form: Form<'_>) -> Re
                     .map(|k| (covariance[(k, k)] - 2.0 * rows[k] + mean).max(0.0).sqrt())
                     .collect(),
                 sigma_mean: mean.max(0.0).sqrt(),
-                offset,
+                offset: state.into_iter().take(views).collect(),
                 slopes: sum.slopes,
             });
         }
         // A step beyond what the prior allows at all would leave the range in which the slopes hold.
         let damping = (3.0 * sigma / largest).min(1.0);
-        for (k, d) in offset.iter_mut().enumerate() {
+        for (k, d) in state.iter_mut().enumerate() {
             *d += damping * change[(k, 0)];
         }
-        for (column, stated) in moved.columns.iter_mut().zip(&samples.columns) {
+        let (offset, common) = state.split_at(views);
+        for (j, (column, given)) in moved.columns.iter_mut().zip(&samples.columns).enumerate() {
             for (i, alpha) in column.alpha.iter_mut().enumerate() {
-                let shift = offset.get(stated.view[i] as usize).copied();
-                *alpha = stated.alpha[i] + shift.unwrap_or(0.0);
+                let shift = offset.get(given.view[i] as usize).copied();
+                *alpha = given.alpha[i] + shift.unwrap_or(0.0);
+            }
+            for (c, (values, given)) in column.value.iter_mut().zip(&given.value).enumerate() {
+                values.copy_from_slice(given);
+                for (size, error) in common.iter().zip(stated.systematics) {
+                    for (value, change) in values.iter_mut().zip(change_of(error, c, j)) {
+                        *value -= size * change;
+                    }
+                }
             }
         }
     }
     Err(unsolvable())
+}
+
+/// What a common error of one σ changes in a column of a channel.
+fn change_of(error: &Systematic, channel: usize, column: usize) -> &[f64] {
+    let columns = error.change.get(channel);
+    columns
+        .and_then(|columns| columns.get(column))
+        .map_or(&[], Vec::as_slice)
 }
 
 fn blocks(samples: &Samples, form: Form<'_>) -> Result<Vec<Block>> {
@@ -262,7 +310,8 @@ fn blocks(samples: &Samples, form: Form<'_>) -> Result<Vec<Block>> {
 
 impl Block {
     /// `None` if the block has nothing to say.
-    fn solve(&self, all: &Samples, views: usize) -> Option<Solved> {
+    fn solve(&self, all: &Samples, stated: &Stated<'_>) -> Option<Solved> {
+        let (views, unknowns) = (stated.views, stated.unknowns());
         let samples = Samples {
             channels: all.channels.clone(),
             columns: all.columns[self.first..self.first + self.columns].to_vec(),
@@ -293,30 +342,65 @@ impl Block {
         let predicted = system.predict(&samples, &series);
         let slopes = system.predict(&samples, &turned);
 
-        let mut gradient = vec![0.0; views];
-        let mut normal = Mat::<f64>::zeros(views, views);
+        let common: Vec<Vec<Vec<f64>>> = stated
+            .systematics
+            .iter()
+            .map(|error| {
+                let sizes = samples.columns.iter().enumerate();
+                sizes
+                    .map(|(j, column)| {
+                        let mut change = change_of(error, c, self.first + j).to_vec();
+                        change.resize(column.alpha.len(), 0.0);
+                        change
+                    })
+                    .collect()
+            })
+            .collect();
+        let mut gradient = vec![0.0; unknowns];
+        let mut normal = Mat::<f64>::zeros(unknowns, unknowns);
         let mut chi2 = 0.0;
-        for ((column, b), slope) in samples.columns.iter().zip(&predicted).zip(&slopes) {
+        for (j, ((column, b), slope)) in samples
+            .columns
+            .iter()
+            .zip(&predicted)
+            .zip(&slopes)
+            .enumerate()
+        {
             for (i, &view) in column.view.iter().enumerate() {
                 let (v, k) = (column.variance[c][i], view as usize);
-                if v.is_finite() && v > 0.0 && k < views {
-                    let miss = column.value[c][i] - b[i];
-                    gradient[k] += slope[i] * miss / v;
-                    normal[(k, k)] += slope[i] * slope[i] / v;
-                    chi2 += miss * miss / v;
+                if !(v.is_finite() && v > 0.0 && k < views) {
+                    continue;
+                }
+                let miss = column.value[c][i] - b[i];
+                gradient[k] += slope[i] * miss / v;
+                normal[(k, k)] += slope[i] * slope[i] / v;
+                chi2 += miss * miss / v;
+                for (m, error) in common.iter().enumerate() {
+                    let (at, change) = (views + m, error[j][i]);
+                    gradient[at] += change * miss / v;
+                    normal[(k, at)] += slope[i] * change / v;
+                    normal[(at, k)] += slope[i] * change / v;
+                    for (n, other) in common.iter().enumerate() {
+                        normal[(at, views + n)] += change * other[j][i] / v;
+                    }
                 }
             }
         }
-        // Dᵀ W J, a column for each view.
-        let mut cross = Mat::<f64>::zeros(n, views);
+        // Dᵀ W J, a column for each unknown.
+        let mut cross = Mat::<f64>::zeros(n, unknowns);
         let mut masked: Vec<Vec<f64>> = slopes.iter().map(|s| vec![0.0; s.len()]).collect();
-        for k in 0..views {
-            for ((column, slope), out) in samples.columns.iter().zip(&slopes).zip(&mut masked) {
-                for (i, &view) in column.view.iter().enumerate() {
-                    out[i] = if view as usize == k { slope[i] } else { 0.0 };
+        for k in 0..unknowns {
+            let f = if let Some(error) = k.checked_sub(views).and_then(|m| common.get(m)) {
+                error
+            } else {
+                for ((column, slope), out) in samples.columns.iter().zip(&slopes).zip(&mut masked) {
+                    for (i, &view) in column.view.iter().enumerate() {
+                        out[i] = if view as usize == k { slope[i] } else { 0.0 };
+                    }
                 }
-            }
-            for (i, y) in system.project(&samples, &masked).into_iter().enumerate() {
+                &masked
+            };
+            for (i, y) in system.project(&samples, f).into_iter().enumerate() {
                 cross[(i, k)] = y;
             }
         }
@@ -352,12 +436,19 @@ mod tests {
 
     const VIEWS: usize = 72;
     const SIGMA: f64 = 0.0061;
+    const STATED: Stated<'static> = Stated {
+        views: VIEWS,
+        sigma: SIGMA,
+        turned: &[],
+        systematics: &[],
+    };
 
     struct Trial {
         samples: Samples,
         material: Material,
         /// By how much the true orbit angles exceed the stated ones.
         truth: Vec<f64>,
+        light: Vec<Complex64>,
     }
 
     /// Light of order 12 on a Phong surface, 72 views whose angles are off by 0.35° rms, relative noise `noise`.
@@ -409,6 +500,7 @@ mod tests {
             },
             material,
             truth,
+            light,
         }
     }
 
@@ -436,7 +528,7 @@ mod tests {
             } else {
                 Form::Smooth
             };
-            let found = refine(&t.samples, VIEWS, SIGMA, form).unwrap();
+            let found = refine(&t.samples, STATED, form).unwrap();
             let z: f64 = centred(&found, &t.truth)
                 .iter()
                 .zip(&found.sigma)
@@ -470,11 +562,85 @@ mod tests {
             material: &t.material,
             order: &[40],
         };
-        let found = refine(&t.samples, VIEWS, SIGMA, form).unwrap();
+        let found = refine(&t.samples, STATED, form).unwrap();
         for (a, b) in centred(&found, &t.truth) {
             // The prior draws offsets of 0.006 back by (σ/0.006)², where σ = 3e-4/(0.2 √74) = 1.7e-4 is what the form is
             // trusted to: by 8e-4 of themselves.
             assert!((a - b).abs() < 2e-3 * SIGMA, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn an_error_that_all_samples_share_is_not_taken_for_angles() {
+        let mut t = trial(0.0, 5);
+        // An outline too wide by one σ: every normal is turned by s tan θo′, and that is known. Its slope is taken on both
+        // sides of the sample, over which light of order 12 hardly bends.
+        let size = 2e-3;
+        let turned = |by: f64| {
+            let mut t = trial(0.0, 5);
+            for column in &mut t.samples.columns {
+                let turn = by * column.local.rad().tan();
+                let h = transfer_row(t.material.brdfs[0].as_ref(), column.local, 12);
+                let b = Series {
+                    coefficients: h.iter().zip(&t.light).map(|(h, l)| h * l).collect(),
+                };
+                for (i, alpha) in column.alpha.iter().enumerate() {
+                    let truth = t.truth[column.view[i] as usize];
+                    column.value[0][i] = b.evaluate(alpha + truth + turn);
+                }
+            }
+            t.samples.columns
+        };
+        let (more, less, seen) = (turned(size), turned(-size), turned(size));
+        let change = more.iter().zip(&less).map(|(a, b)| {
+            let values = a.value[0].iter().zip(&b.value[0]);
+            values.map(|(a, b)| 0.5 * (a - b)).collect()
+        });
+        let systematics = [Systematic {
+            name: "apparent radius".into(),
+            change: vec![change.collect()],
+        }];
+        t.samples.columns = seen;
+        for column in &mut t.samples.columns {
+            column.variance[0].fill(1e-10);
+        }
+        let form = Form::Surface {
+            material: &t.material,
+            order: &[40],
+        };
+        let left = |systematics: &[Systematic]| {
+            let stated = Stated {
+                systematics,
+                ..STATED
+            };
+            let found = refine(&t.samples, stated, form).unwrap();
+            let squares: f64 = centred(&found, &t.truth)
+                .iter()
+                .map(|(a, b)| (a - b).powi(2))
+                .sum();
+            (squares / VIEWS as f64).sqrt()
+        };
+        let (ignored, fitted) = (left(&[]), left(&systematics));
+        // As without any error: 2e-3 of σ. Ignored, part of the 2e-3 tan θo′ ends in the angles.
+        assert!(fitted < 4e-3 * SIGMA, "{fitted} {ignored}");
+        assert!(ignored > 4.0 * fitted, "{fitted} {ignored}");
+    }
+
+    #[test]
+    fn angles_turned_before_are_drawn_to_what_was_stated() {
+        // Light that says nothing leaves what the prior says: back by what the samples were turned.
+        let mut t = trial(0.002, 6);
+        for column in &mut t.samples.columns {
+            column.value[0].fill(1.0);
+        }
+        let turned: Vec<f64> = (0..VIEWS).map(|k| 1e-3 * (k as f64).sin()).collect();
+        let stated = Stated {
+            turned: &turned,
+            ..STATED
+        };
+        let found = refine(&t.samples, stated, Form::Smooth).unwrap();
+        for (offset, turned) in found.offset.iter().zip(&turned) {
+            assert!((offset + turned).abs() < 1e-9, "{offset} {turned}");
         }
     }
 
@@ -484,11 +650,21 @@ mod tests {
         for column in &mut t.samples.columns {
             column.value[0].fill(1.0);
         }
-        let found = refine(&t.samples, VIEWS, SIGMA, Form::Smooth).unwrap();
+        let found = refine(&t.samples, STATED, Form::Smooth).unwrap();
         for (offset, sigma) in found.offset.iter().zip(&found.sigma) {
             assert!(offset.abs() < 1e-9);
             assert!((sigma / SIGMA - 1.0).abs() < 0.02, "{sigma}");
         }
-        assert!(refine(&t.samples, VIEWS, 0.0, Form::Smooth).is_err());
+        assert!(
+            refine(
+                &t.samples,
+                Stated {
+                    sigma: 0.0,
+                    ..STATED
+                },
+                Form::Smooth
+            )
+            .is_err()
+        );
     }
 }

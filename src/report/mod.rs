@@ -64,7 +64,15 @@ struct Page<'a> {
 struct Section {
     id: &'static str,
     title: &'static str,
-    figures: Vec<Figure>,
+    /// Markup.
+    figures: Vec<String>,
+}
+
+/// A figure with its table, as markup.
+#[derive(Template)]
+#[template(path = "figure.html", config = "src/report/template/askama.toml")]
+struct FigureMarkup<'a> {
+    figure: &'a Figure,
 }
 
 /// The report of a run as one HTML page without any reference to the network.
@@ -120,8 +128,8 @@ pub fn page(run: &Run) -> Result<String> {
         .map_err(|e| Error::failed(format!("cannot write the report: {e}")))
 }
 
-/// The figures on lighting, BRDF, object, light field and fit, drawn side by side.
-fn figures(run: &Run) -> Result<[Vec<Figure>; 5]> {
+/// Markup of the figures on lighting, BRDF, object, light field and fit, drawn and written side by side.
+fn figures(run: &Run) -> Result<[Vec<String>; 5]> {
     type Draw = fn(&Run) -> Result<Vec<Figure>>;
     fn one(figure: Option<Figure>) -> Result<Vec<Figure>> {
         Ok(figure.into_iter().collect())
@@ -149,11 +157,15 @@ fn figures(run: &Run) -> Result<[Vec<Figure>; 5]> {
             Ok(both.into_iter().flatten().collect())
         }),
     ];
-    let drawn: Vec<Vec<Figure>> = draw
+    let markup = |figure: &Figure| -> Result<String> {
+        let markup = FigureMarkup { figure }.render();
+        markup.map_err(|e| Error::failed(format!("cannot write the report: {e}")))
+    };
+    let drawn: Vec<Vec<String>> = draw
         .par_iter()
-        .map(|(_, draw)| draw(run))
+        .map(|(_, draw)| draw(run)?.par_iter().map(markup).collect())
         .collect::<Result<_>>()?;
-    let mut sections: [Vec<Figure>; 5] = Default::default();
+    let mut sections: [Vec<String>; 5] = Default::default();
     for ((section, _), figures) in draw.iter().zip(drawn) {
         sections[*section].extend(figures);
     }

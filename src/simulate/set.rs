@@ -1,7 +1,7 @@
 //! A whole synthetic capture set: every photo rendered, exposed and written, beside its truth.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 
@@ -9,11 +9,12 @@ use super::plan::{PlannedView, plan};
 use super::recipe::{PhotoFormat, Recipe, Unstated};
 use super::render::Renderer;
 use super::sensor::Exposer;
-use super::truth::{Truth, write};
+use super::truth::Truth;
 use super::write::photo;
 use crate::angle::WorldAngle;
 use crate::capture::{Capture, Encoding, Photo, View};
 use crate::error::{Error, Result};
+use crate::files::{self, STAGING};
 use crate::grid::Grid;
 use crate::light_field::LightField;
 use crate::reflect::product;
@@ -27,8 +28,10 @@ const GRID: Grid = Grid {
 const HIGHEST_ORDER: usize = 4000;
 /// |θo′| within which the brightest point decides the exposure, degrees.
 const EXPOSED_DEG: f64 = 80.0;
-/// What a synthetic set consists of.
-const ENTRIES: [&str; 4] = ["capture.toml", "recipe.toml", "views", "truth"];
+/// What a synthetic set consists of beside its description.
+const ENTRIES: [&str; 3] = ["recipe.toml", "views", "truth"];
+/// What makes a set of them, written last.
+const DESCRIPTION: &str = "capture.toml";
 
 /// What was written.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +47,7 @@ pub struct Written {
 }
 
 /// Renders a recipe into the folder `out`: `capture.toml`, `views/`, `truth/` and a `recipe.toml` that recovers
-/// the light. The folder appears when it is complete. `step` is called after every view, from several
+/// the light. They get their names together when all are complete. `step` is called after every view, from several
 /// threads. The files are the same for a recipe and its seed whatever the number of threads.
 ///
 /// # Errors
@@ -56,6 +59,8 @@ pub fn simulate(
     force: bool,
     step: &(dyn Fn() + Sync),
 ) -> Result<Written> {
+    let _claim = files::claim(out)?;
+    finish_interrupted(out)?;
     may_replace(out, force)?;
     let lighting = recipe.lighting.resolve(&recipe.channels, &recipe.folder)?;
     let renderer = Renderer::new(
@@ -84,26 +89,19 @@ pub fn simulate(
         views: &views,
         scale: exposer.scale(),
     };
-    let staging = Staging::beside(out)?;
-    for folder in ["views", "truth"] {
-        let folder = staging.path.join(folder);
-        fs::create_dir_all(&folder).map_err(|e| Error::write(&folder, e))?;
+    let staged = stage(out, &truth, &capture, |folder| {
+        views.par_iter().try_for_each(|view| {
+            let written = write_view(recipe, &renderer, &exposer, view, folder);
+            step();
+            written.map_err(|e| e.view(view.number))
+        })
+    });
+    if let Err(error) = staged {
+        // Nothing reads what is left of it, if it cannot be removed either.
+        let _ = files::discard(out);
+        return Err(error);
     }
-    truth.write(&staging.path.join("truth"), &capture)?;
-    write(
-        &staging.path.join("recipe.toml"),
-        truth.recovery().as_bytes(),
-    )?;
-    write(
-        &staging.path.join("capture.toml"),
-        capture.to_toml().as_bytes(),
-    )?;
-    views.par_iter().try_for_each(|view| {
-        let written = write_view(recipe, &renderer, &exposer, view, &staging.path);
-        step();
-        written.map_err(|e| e.view(view.number))
-    })?;
-    staging.publish(out, force)?;
+    files::commit(out, &ENTRIES, &[], DESCRIPTION)?;
 
     let mut warnings = recipe.brdf.warnings();
     if !renderer.is_spatial() {
@@ -119,6 +117,39 @@ pub fn simulate(
         scale: exposer.scale(),
         warnings,
     })
+}
+
+/// Writes the whole set into the staging folder, its description last.
+fn stage(
+    out: &Path,
+    truth: &Truth,
+    capture: &Capture,
+    photos: impl Fn(&Path) -> Result<()>,
+) -> Result<()> {
+    let staging = files::stage(out)?;
+    for folder in ["views", "truth"] {
+        files::make_folder(&staging.join(folder))?;
+    }
+    truth.write(&staging.join("truth"), capture)?;
+    files::write(&staging.join("recipe.toml"), truth.recovery().as_bytes())?;
+    photos(&staging)?;
+    for folder in ["views", "truth", ""] {
+        files::flush_folder(&staging.join(folder))?;
+    }
+    // Whole, for its being there says that all others are.
+    files::write_whole(&staging.join(DESCRIPTION), capture.to_toml().as_bytes())
+}
+
+/// Gives a set that an interrupted call had complete its names; removes what is left of one that had not come so far.
+fn finish_interrupted(out: &Path) -> Result<()> {
+    let staging = out.join(STAGING);
+    if staging.join(DESCRIPTION).exists() {
+        return files::commit(out, &ENTRIES, &[], DESCRIPTION);
+    }
+    match staging.exists() {
+        true => files::discard(out),
+        false => Ok(()),
+    }
 }
 
 fn write_view(
@@ -137,7 +168,7 @@ fn write_view(
         let values = exposer.expose(&picture, seconds, number);
         let format = recipe.output.format;
         let bytes = photo(format, picture.size, &picture.channels, values)?;
-        write(&folder.join(&shot.file), &bytes)?;
+        files::write(&folder.join(&shot.file), &bytes)?;
     }
     Ok(())
 }
@@ -227,8 +258,11 @@ fn may_replace(out: &Path, force: bool) -> Result<()> {
     };
     let names: Vec<String> = entries
         .filter_map(|e| Some(e.ok()?.file_name().to_string_lossy().into_owned()))
+        .filter(|name| !name.starts_with(STAGING))
         .collect();
-    let foreign = names.iter().find(|n| !ENTRIES.contains(&n.as_str()));
+    let foreign = names
+        .iter()
+        .find(|n| **n != DESCRIPTION && !ENTRIES.contains(&n.as_str()));
     match (names.is_empty(), foreign, force) {
         (true, ..) | (false, None, true) => Ok(()),
         (false, None, false) => Err(Error::input("the folder holds a capture set already")
@@ -239,41 +273,5 @@ fn may_replace(out: &Path, force: bool) -> Result<()> {
         ))
         .file(out)
         .advice("Give another folder with --out.")),
-    }
-}
-
-/// A folder beside the final one, removed again unless it is published.
-struct Staging {
-    path: PathBuf,
-}
-
-impl Staging {
-    fn beside(out: &Path) -> Result<Self> {
-        let name = out.file_name().ok_or_else(|| {
-            Error::input("expected the name of a folder")
-                .file(out)
-                .advice("Give a folder for the set with --out.")
-        })?;
-        let staging = format!(".{}-{}", name.to_string_lossy(), std::process::id());
-        let path = out.with_file_name(staging);
-        fs::create_dir_all(&path).map_err(|e| Error::write(&path, e))?;
-        Ok(Self { path })
-    }
-
-    fn publish(self, out: &Path, force: bool) -> Result<()> {
-        // Looked at again: rendering takes its time.
-        may_replace(out, force)?;
-        match fs::remove_dir_all(out) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::write(out, e)),
-            _ => {}
-        }
-        fs::rename(&self.path, out).map_err(|e| Error::write(out, e))
-    }
-}
-
-impl Drop for Staging {
-    fn drop(&mut self) {
-        // Gone already if it was published; nothing reads what a failure leaves.
-        let _ = fs::remove_dir_all(&self.path);
     }
 }

@@ -9,7 +9,8 @@ use super::plan::PlannedView;
 use super::recipe::{PhotoFormat, Recipe};
 use crate::brdf::Model;
 use crate::capture::Capture;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::files;
 use crate::light_field::{LightField, encode};
 use crate::lighting::{Lighting, SpectrumRow, Status, write_spectrum, write_table};
 
@@ -36,13 +37,13 @@ impl Truth<'_> {
     pub(super) fn write(&self, folder: &Path, capture: &Capture) -> Result<()> {
         if let Model::Table(table) = &self.recipe.brdf {
             let from = self.recipe.folder.join(table);
-            let bytes = std::fs::read(&from).map_err(|e| Error::read(&from, e))?;
-            write(&folder.join("brdf.csv"), &bytes)?;
+            let bytes = files::bytes(&from)?;
+            files::write(&folder.join("brdf.csv"), &bytes)?;
         }
-        write(&folder.join("scene.toml"), self.scene().as_bytes())?;
-        write(&folder.join("recipe.toml"), self.recipe(capture).as_bytes())?;
-        write(&folder.join("views.csv"), self.views().as_bytes())?;
-        write(&folder.join("photos.csv"), self.photos().as_bytes())?;
+        files::write(&folder.join("scene.toml"), self.scene().as_bytes())?;
+        files::write(&folder.join("recipe.toml"), self.recipe(capture).as_bytes())?;
+        files::write(&folder.join("views.csv"), self.views().as_bytes())?;
+        files::write(&folder.join("photos.csv"), self.photos().as_bytes())?;
         let smooth = Lighting {
             sources: Vec::new(),
             ..self.lighting.clone()
@@ -50,7 +51,7 @@ impl Truth<'_> {
         write_table(&folder.join("lighting.csv"), &smooth, LINES, None)?;
         write_spectrum(&folder.join("lighting_spectrum.csv"), &self.spectrum())?;
         let field = encode(vec![self.light_field.part("light field")])?;
-        write(&folder.join("light_field.exr"), &field)
+        files::write(&folder.join("light_field.exr"), &field)
     }
 
     fn brdf(&self, folder: &str) -> Table {
@@ -247,8 +248,4 @@ impl Truth<'_> {
             })
             .collect()
     }
-}
-
-pub(super) fn write(file: &Path, bytes: &[u8]) -> Result<()> {
-    std::fs::write(file, bytes).map_err(|e| Error::write(file, e))
 }

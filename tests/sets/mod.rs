@@ -70,7 +70,12 @@ pub fn image(path: &Path) -> Image {
 
 /// L_p of the whole light, sources included, p = 0…60, per channel: `truth/lighting_spectrum.csv`.
 pub fn true_spectrum(name: &str, channel: &str) -> Series {
-    let file = set(name).join("truth/lighting_spectrum.csv");
+    spectrum_in(&set(name), channel)
+}
+
+/// The same of a set in any folder.
+pub fn spectrum_in(folder: &Path, channel: &str) -> Series {
+    let file = folder.join("truth/lighting_spectrum.csv");
     let text = std::fs::read_to_string(&file).expect("the truth is there");
     let coefficients: Vec<Complex64> = text
         .lines()
@@ -82,7 +87,8 @@ pub fn true_spectrum(name: &str, channel: &str) -> Series {
             Complex64::new(number(2), number(3))
         })
         .collect();
-    assert_eq!(coefficients.len(), 61, "{name}: p = 0…60 of {channel}");
+    let place = folder.display();
+    assert_eq!(coefficients.len(), 61, "{place}: p = 0…60 of {channel}");
     Series { coefficients }
 }
 

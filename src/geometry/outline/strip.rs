@@ -1,5 +1,7 @@
 //! The pixels about the predicted limb, straightened: one strip per side and band of rows.
 
+use std::ops::Range;
+
 use crate::capture::Shape;
 use crate::geometry::surface::{Side, ViewGeometry};
 use crate::radiance::Radiance;
@@ -74,11 +76,7 @@ pub(super) fn cut(
     strips
 }
 
-fn usable_rows(
-    radiance: &Radiance,
-    predicted: &ViewGeometry,
-    shape: Shape,
-) -> Option<std::ops::Range<u32>> {
+fn usable_rows(radiance: &Radiance, predicted: &ViewGeometry, shape: Shape) -> Option<Range<u32>> {
     let held = radiance.rows.clone();
     let rows = match shape {
         Shape::Cylinder => held,
@@ -94,7 +92,7 @@ fn usable_rows(
 }
 
 /// Groups of adjacent rows, spread over `rows`.
-fn bands(rows: std::ops::Range<u32>) -> Vec<Vec<u32>> {
+fn bands(rows: Range<u32>) -> Vec<Vec<u32>> {
     let all: Vec<u32> = rows.collect();
     let count = (all.len() / 4).clamp(1, BANDS);
     let height = (ROWS / count).min(all.len() / count).max(1);
@@ -127,45 +125,84 @@ fn line(
     let inwards = -side.sign();
     // Column of the outermost pixel, then inwards one by one.
     let start = (limb - inwards * reach).floor();
-    let mut line = Line {
+    let (mut value, mut variance) = (vec![0.0; length], vec![f32::INFINITY; length]);
+    // From left to right: the first column, and which of the line's pixels lie in the image.
+    let leftmost = match side {
+        Side::Left => start,
+        Side::Right => start + 1.0 - length as f64,
+    };
+    let skip = (-leftmost).max(0.0) as usize;
+    let first = leftmost.max(0.0) as usize;
+    if skip < length && first < width {
+        let count = (length - skip).min(width - first);
+        let at = offset + first..offset + first + count;
+        pulp::Arch::new().dispatch(Brightness {
+            radiance,
+            at,
+            value: &mut value[skip..skip + count],
+            variance: &mut variance[skip..skip + count],
+        });
+    }
+    if side == Side::Right {
+        value.reverse();
+        variance.reverse();
+    }
+    Some(Line {
         row: centre,
         first: inwards * (start + 0.5 - limb),
-        value: Vec::with_capacity(length),
-        variance: Vec::with_capacity(length),
-    };
-    for k in 0..length {
-        let column = start + inwards * k as f64;
-        let (value, variance) = if column >= 0.0 && column < width as f64 {
-            brightness(radiance, offset + column as usize)
-        } else {
-            (0.0, f32::INFINITY)
-        };
-        line.value.push(value);
-        line.variance.push(variance);
-    }
-    Some(line)
+        value,
+        variance,
+    })
 }
 
-/// Mean over the channels and its variance; missing if any channel is, for a mean over fewer channels
-/// has another level and would look like an edge.
-fn brightness(radiance: &Radiance, index: usize) -> (f32, f32) {
-    let mut sum = 0.0;
-    let mut variance = 0.0;
-    let mut count = 0.0;
-    for (value, v) in radiance.value.iter().zip(&radiance.variance) {
-        match (value.get(index), v.get(index)) {
-            (Some(value), Some(v)) if value.is_finite() && v.is_finite() => {
-                sum += value;
-                variance += v;
-                count += 1.0;
+/// Mean over the channels and its variance at some pixels, for the processor's widest instructions; missing if any channel is, for a
+/// mean over fewer channels has another level and would look like an edge.
+struct Brightness<'a> {
+    radiance: &'a Radiance,
+    at: Range<usize>,
+    value: &'a mut [f32],
+    variance: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Brightness<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            radiance,
+            at,
+            value: sum,
+            variance: sum_variance,
+        } = self;
+        let planes = || radiance.value.iter().zip(&radiance.variance);
+        let held =
+            |(value, variance): (&Vec<f32>, &Vec<f32>)| value.len().min(variance.len()) >= at.end;
+        if radiance.value.is_empty() || !planes().all(held) {
+            return;
+        }
+        sum_variance.fill(0.0);
+        for (value, variance) in planes() {
+            let pixels = value[at.clone()].iter().zip(&variance[at.clone()]);
+            for ((sum, sum_variance), (value, v)) in
+                sum.iter_mut().zip(&mut *sum_variance).zip(pixels)
+            {
+                let known = (value.abs() < f32::INFINITY) & (v.abs() < f32::INFINITY);
+                *sum += if known { *value } else { 0.0 };
+                *sum_variance += if known { *v } else { f32::INFINITY };
             }
-            _ => return (0.0, f32::INFINITY),
+        }
+        let count = radiance.value.len() as f32;
+        for (sum, variance) in sum.iter_mut().zip(sum_variance) {
+            let known = *variance < f32::INFINITY;
+            *sum = if known { *sum / count } else { 0.0 };
+            *variance = if known {
+                *variance / (count * count)
+            } else {
+                f32::INFINITY
+            };
         }
     }
-    if count == 0.0 {
-        return (0.0, f32::INFINITY);
-    }
-    (sum / count, variance / (count * count))
 }
 
 /// The median over a strip's lines at each depth, and the noise of one pixel.

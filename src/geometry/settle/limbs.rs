@@ -50,11 +50,12 @@ pub(super) fn genuine(setting: &Setting, limbs: &[Observation]) -> Vec<bool> {
         ));
     }
     let judged = |common: Common| {
+        let misses = misses(setting, limbs, &common);
         SPREADS
             .iter()
             .map(|spread| {
                 (
-                    likelihood(setting, limbs, &common, *spread),
+                    likelihood(setting, limbs, &misses, &common, *spread),
                     *spread,
                     common,
                 )
@@ -69,9 +70,11 @@ pub(super) fn genuine(setting: &Setting, limbs: &[Observation]) -> Vec<bool> {
     let refined = best.into_iter().map(|mut found| {
         for _ in 0..STEPS {
             let (_, spread, common) = found;
+            let missed = misses(setting, limbs, &common);
             let weighted = limbs
                 .iter()
-                .map(|o| (o, belief(setting, o, &common, spread).0));
+                .zip(&missed)
+                .map(|(o, miss)| (o, belief(setting, o, *miss, spread).0));
             let Some(next) = step(setting, weighted, spread, &common) else {
                 break;
             };
@@ -86,15 +89,17 @@ pub(super) fn genuine(setting: &Setting, limbs: &[Observation]) -> Vec<bool> {
     let (_, spread, common) = refined.fold((f64::NEG_INFINITY, 1.0, Common::zeros()), |a, b| {
         if b.0 > a.0 { b } else { a }
     });
+    let missed = misses(setting, limbs, &common);
     let mut genuine: Vec<bool> = limbs
         .iter()
-        .map(|o| belief(setting, o, &common, spread).0 > 0.5)
+        .zip(&missed)
+        .map(|(o, miss)| belief(setting, o, *miss, spread).0 > 0.5)
         .collect();
     // Two limbs at the right distance from each other, wherever they are, are those of an object that moved.
     for i in 1..limbs.len() {
         let (left, right) = (&limbs[i - 1], &limbs[i]);
         if left.view == right.view {
-            let [l, r] = [left, right].map(|o| o.value - setting.predict(o, &common).1);
+            let [l, r] = [missed[i - 1], missed[i]];
             let wider = variance(setting, left, 1.0) + variance(setting, right, 1.0);
             if (r - l).powi(2) < PAIRED * PAIRED * wider {
                 genuine[i - 1] = true;
@@ -129,9 +134,16 @@ fn variance(setting: &Setting, o: &Observation, spread: f64) -> f64 {
     o.variance + 2.0 * setting.limb_error * spread * spread
 }
 
-/// Probability that a limb is one, and the logarithm of the density of what was found.
-fn belief(setting: &Setting, o: &Observation, common: &Common, spread: f64) -> (f64, f64) {
-    let miss = o.value - setting.predict(o, common).1;
+/// By how much each limb is from where it would be.
+fn misses(setting: &Setting, limbs: &[Observation], common: &Common) -> Vec<f64> {
+    limbs
+        .iter()
+        .map(|o| o.value - setting.predict(o, common).1)
+        .collect()
+}
+
+/// Probability that a limb which is off by `miss` is one, and the logarithm of the density of what was found.
+fn belief(setting: &Setting, o: &Observation, miss: f64, spread: f64) -> (f64, f64) {
     let outwards = match o.kind {
         Of::Limb(side) => miss * side > 0.0,
         Of::Centre | Of::Width => false,
@@ -144,12 +156,19 @@ fn belief(setting: &Setting, o: &Observation, common: &Common, spread: f64) -> (
     (genuine / (genuine + other), (genuine + other).ln())
 }
 
-fn likelihood(setting: &Setting, limbs: &[Observation], common: &Common, spread: f64) -> f64 {
+fn likelihood(
+    setting: &Setting,
+    limbs: &[Observation],
+    misses: &[f64],
+    common: &Common,
+    spread: f64,
+) -> f64 {
     let prior = setting.prior_weight(common);
     let size = common.component_mul(common).dot(&prior);
     limbs
         .iter()
-        .map(|o| belief(setting, o, common, spread).1)
+        .zip(misses)
+        .map(|(o, miss)| belief(setting, o, *miss, spread).1)
         .sum::<f64>()
         - 0.5 * size
 }

@@ -97,14 +97,7 @@ impl Setting {
             let width = self.limb * pose.sigma_radius_scale;
             let variance = pose.sigma_lateral.powi(2) + width * width;
             for (side, _) in Side::BOTH.into_iter().zip(outline.sides()).filter(|s| s.1) {
-                let radius = self.radius * pose.radius_scale;
-                let value = if self.closeness > 0.0 {
-                    let across = self.closeness * pose.offset[1];
-                    let half = (self.closeness * radius / across.hypot(1.0)).asin();
-                    (across.atan() + side.sign() * half).tan() / self.closeness
-                } else {
-                    pose.offset[1] + side.sign() * radius
-                };
+                let (value, ..) = self.tangent(pose.offset[1], pose.radius_scale, side.sign());
                 if value.is_finite() && variance.is_finite() && variance > 0.0 {
                     all.push(Observation {
                         view,
@@ -168,20 +161,50 @@ impl Setting {
         ]
     }
 
+    /// Where the line of sight that touches the object on one side (−1 left, +1 right) meets the plane through the centre of
+    /// the orbit, metres, for an object at that depth, `lateral` to the right and `scale` times as large as described;
+    /// also the derivatives by these two.
+    fn tangent(&self, lateral: f64, scale: f64, side: f64) -> (f64, f64, f64) {
+        if !(self.closeness > 0.0) {
+            return (
+                lateral + side * self.radius * scale,
+                1.0,
+                side * self.radius,
+            );
+        }
+        let across = self.closeness * lateral;
+        let away = across.hypot(1.0);
+        let sine = (self.closeness * self.radius * scale / away).min(1.0 - 1e-9);
+        let cosine = (1.0 - sine * sine).sqrt();
+        let slope = (across.atan() + side * sine.asin()).tan();
+        let turn = slope.mul_add(slope, 1.0);
+        (
+            slope / self.closeness,
+            turn * (1.0 - side * across * sine / cosine) / (away * away),
+            turn * side * self.radius / (away * cosine),
+        )
+    }
+
     /// The derivative of an observation by the unknowns, and its predicted value. Outlines are fitted with the
-    /// object at the described distance; nearer by x, everything appears larger by D / (D − x).
+    /// object at the described distance; nearer by x, everything appears larger by D / (D − x), without any approximation:
+    /// the tangents from the camera are the same.
     pub fn predict(&self, o: &Observation, common: &Common) -> (Common, f64) {
         let [towards, right] = self.direction(o.view);
-        let (lateral, limb) = match o.kind {
-            Of::Centre => (right, 0.0),
-            Of::Limb(sign) => (right, sign * self.limb),
-            Of::Width => (Common::zeros(), self.limb),
-        };
-        let mut row = lateral;
-        row[3] = limb;
-        let at_centre = row.dot(common) + limb;
         let nearer = 1.0 / (1.0 - (self.closeness * towards.dot(common)).clamp(-0.5, 0.5));
-        let row = row * nearer + towards * (at_centre * nearer * nearer * self.closeness);
-        (row, at_centre * nearer)
+        let nearer_by = towards * (nearer * nearer * self.closeness);
+        let mut scale_row = Common::zeros();
+        scale_row[3] = nearer;
+        let scale_row = scale_row + nearer_by * (1.0 + common[3]);
+        let scale = nearer * (1.0 + common[3]);
+        let lateral_row = right * nearer + nearer_by * right.dot(common);
+        let lateral = nearer * right.dot(common);
+        match o.kind {
+            Of::Centre => (lateral_row, lateral),
+            Of::Width => (scale_row * self.limb, scale * self.limb),
+            Of::Limb(side) => {
+                let (value, by_lateral, by_scale) = self.tangent(lateral, scale, side);
+                (lateral_row * by_lateral + scale_row * by_scale, value)
+            }
+        }
     }
 }

@@ -11,21 +11,22 @@ use rawler::rawsource::RawSource;
 
 use super::super::orientation::Orientation;
 use super::super::shot::sensible;
-use super::super::{Format, Header, Info, Photo, Planes, Shot, Storage, plausible};
+use super::super::{Format, Header, Info, Photo, Planes, Shot, Storage, believable};
 use crate::error::{Error, Result};
 
 /// Reads the header of a RAW file and no pixels.
 pub(in super::super) fn info(path: &Path) -> Result<Info> {
-    let (image, shot, _) = open(path, true)?;
-    Ok(Sensor::of(&image)?.header(&image, shot).info())
+    let (image, shot, bytes) = open(path, true)?;
+    let sensor = Sensor::of(&image)?;
+    believable(sensor.crop_size(), 32, bytes)?;
+    Ok(sensor.header(&image, shot).info())
 }
 
 /// Reads rows of a RAW file.
 pub(in super::super) fn read(path: &Path, rows: Option<Range<u32>>) -> Result<Photo> {
     let (header, shot, bytes) = open(path, true)?;
     let sensor = Sensor::of(&header)?;
-    let [width, height] = sensor.crop_size();
-    plausible(4 * u64::from(width) * u64::from(height), bytes)?;
+    believable(sensor.crop_size(), 32, bytes)?;
     let (image, _, _) = open(path, false)?;
     let sensor = Sensor::of(&image)?;
     let header = sensor.header(&image, shot);

@@ -90,6 +90,10 @@ pub enum Regularisation {
     None,
 }
 
+/// Residual variance in units of the samples' variances above which a warning is given: up to twice the stated σ is what an optimistic noise
+/// model does.
+pub const NOISE_FACTOR: f64 = 4.0;
+
 /// Options of [`recover`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
@@ -178,8 +182,7 @@ pub fn recover_with(
         estimate
             .warnings
             .extend(estimate::gaps(name, options.size, &slice));
-        // Up to twice the stated σ is what an optimistic noise model does.
-        if slice.noise > 4.0 {
+        if slice.noise > NOISE_FACTOR {
             estimate.warnings.push(format!(
                 "{name}: the residual is {:.1} times what the variances of the samples allow; all σ are scaled up by it. The lighting or the geometry may be wrong, or light may come from outside the plane.",
                 slice.noise.sqrt()

@@ -116,7 +116,7 @@ pub(super) fn recover_channel(
         ))
         .advice("Photograph the object from more directions around it."));
     }
-    let mut spectrum = Spectrum::fit(samples, channel, half, resolved)?;
+    let mut spectrum = Spectrum::fit(samples, channel, half, resolved, 1.0)?;
     spectrum.changes = columns::changes(samples, channel, half, resolved, systematics);
     spectrum.add_folded_variance();
     let spectrum = spectrum.truncated(order);

@@ -2,17 +2,15 @@
 
 use std::f64::consts::{PI, SQRT_2};
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use faer::Mat;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use super::folded;
+use super::column_fit::{ColumnFit, Expected};
 use super::half_circle::HalfCircle;
 use crate::angle::wrap;
 use crate::error::{Error, Result};
-use crate::fourier::CircleTransform;
-use crate::light_field::{Column, Samples, Systematic};
+use crate::light_field::{Samples, Systematic};
 
 /// The spectrum of one channel's light field along α, at every node of the half circle.
 ///
@@ -28,8 +26,8 @@ pub(super) struct Spectrum {
     pub covariance: Vec<Covariance>,
     /// Whether samples were seen at the node (false: beyond the limb cut).
     pub seen: Vec<bool>,
-    /// What frequencies that are not resolved add to the variance of B_p at node k is `folds[p] · folded[k]`: \[P + 1\] …
-    pub folds: Vec<f64>,
+    /// What frequencies that are not resolved add to the variance of B_p at node k is `folds[(p, k)] · folded[k]`: (P + 1) × N …
+    pub folds: Mat<f64>,
     /// … and \[N\].
     pub folded: Vec<f64>,
     /// What each error that all samples share does to `values` if it is one standard deviation, m × N.
@@ -118,24 +116,46 @@ pub(super) fn resolved_order(samples: &Samples, channel: usize) -> usize {
     orders.get(orders.len() / 2).copied().unwrap_or(0)
 }
 
+/// One column of samples as its coefficients.
+struct Fitted {
+    local: f64,
+    values: Vec<f64>,
+    covariance: Covariance,
+    folds: Vec<f64>,
+}
+
 impl Spectrum {
     /// Weighted least squares in every column of `channel`, brought to the nodes of `half`.
     ///
     /// A column whose θo′ is a node's is taken as it is; otherwise a node takes the linear interpolation
     /// of its neighbours. Nodes beyond the outermost columns are filled by
     /// [`extrapolate`](Self::extrapolate).
-    pub fn fit(samples: &Samples, channel: usize, half: &HalfCircle, order: usize) -> Result<Self> {
+    ///
+    /// `left` is the share of the power of frequencies beyond `order` that is still in the samples.
+    pub fn fit(
+        samples: &Samples,
+        channel: usize,
+        half: &HalfCircle,
+        order: usize,
+        left: f64,
+    ) -> Result<Self> {
         let size = 2 * order + 1;
-        let fits: Vec<Option<(f64, Vec<f64>, Covariance)>> = samples
+        let expected = Expected::of(samples, channel, order).map(|e| e.without_kinks(left));
+        let fits: Vec<Fitted> = samples
             .columns
             .par_iter()
-            .map(|column| {
+            .filter_map(|column| {
                 let own = column.value.get(channel)?;
-                let (mut values, covariance) = fit_column(column, channel, order, &[own])?;
-                Some((column.local.rad(), values.pop()?, covariance))
+                let fit = ColumnFit::new(column, channel, order, expected.as_ref())?;
+                let (covariance, folds) = fit.covariance();
+                Some(Fitted {
+                    local: column.local.rad(),
+                    values: fit.values(&[own]).pop()?,
+                    covariance,
+                    folds,
+                })
             })
             .collect();
-        let fits: Vec<_> = fits.into_iter().flatten().collect();
         if fits.len() < 4 {
             return Err(Error::input(format!(
                 "factorisation needs samples in at least 4 columns of θo′, found {}",
@@ -143,21 +163,26 @@ impl Spectrum {
             ))
             .advice("Check the coverage: most of the light field was never seen."));
         }
-        let places = places(&fits.iter().map(|f| f.0).collect::<Vec<_>>(), half);
+        let places = places(&fits.iter().map(|f| f.local).collect::<Vec<_>>(), half);
         let mut values = Mat::zeros(size, half.len());
         let mut covariance = vec![Covariance::White(f64::INFINITY); half.len()];
+        let mut folds = Mat::zeros(order + 1, half.len());
         let seen: Vec<bool> = places.iter().map(Option::is_some).collect();
         for (k, place) in places.iter().enumerate() {
             let Some([(left, near), (right, far)]) = *place else {
                 continue;
             };
+            let (left, right) = (&fits[left], &fits[right]);
             for i in 0..size {
-                values[(i, k)] = near * fits[left].1[i] + far * fits[right].1[i];
+                values[(i, k)] = near * left.values[i] + far * right.values[i];
+            }
+            for p in 0..=order {
+                folds[(p, k)] = near * left.folds[p] + far * right.folds[p];
             }
             covariance[k] = if far == 0.0 {
-                fits[left].2.clone()
+                left.covariance.clone()
             } else {
-                mixed(&fits[left].2, &fits[right].2, far, size)
+                mixed(&left.covariance, &right.covariance, far, size)
             };
         }
         if seen.iter().filter(|s| **s).count() < 4 {
@@ -170,7 +195,7 @@ impl Spectrum {
             values,
             covariance,
             seen,
-            folds: vec![0.0; order + 1],
+            folds,
             folded: vec![0.0; half.len()],
             changes: Vec::new(),
         };
@@ -298,14 +323,11 @@ impl Spectrum {
                 self.folded[k] = kink / count;
             }
         }
-        self.folds = (0..=self.order)
-            .map(|p| folded::power(p, 2 * self.order + 1))
-            .collect();
     }
 
     /// Variance of each of the two values of B_p at node `k`.
     pub fn variance(&self, p: usize, k: usize) -> f64 {
-        self.covariance[k].at(p) + self.folds[p] * self.folded[k]
+        self.covariance[k].at(p) + self.folds[(p, k)] * self.folded[k]
     }
 
     /// B_p at node `k`, complex, for any sign of p.
@@ -334,7 +356,7 @@ impl Spectrum {
             values: Mat::from_fn(size, self.values.ncols(), |i, k| self.values[(i, k)]),
             covariance,
             seen: self.seen.clone(),
-            folds: self.folds[..=order].to_vec(),
+            folds: self.folds.subrows(0, order + 1).to_owned(),
             folded: self.folded.clone(),
             changes: self
                 .changes
@@ -393,6 +415,7 @@ pub(super) fn changes(
     if systematics.is_empty() {
         return Vec::new();
     }
+    let expected = Expected::of(samples, channel, order);
     let fits: Vec<(f64, Vec<Vec<f64>>)> = samples
         .columns
         .par_iter()
@@ -409,8 +432,8 @@ pub(super) fn changes(
             };
             let targets: Vec<Vec<f64>> = systematics.iter().map(own).collect();
             let targets: Vec<&[f64]> = targets.iter().map(Vec::as_slice).collect();
-            let (values, _) = fit_column(column, channel, order, &targets)?;
-            Some((column.local.rad(), values))
+            let fit = ColumnFit::new(column, channel, order, expected.as_ref())?;
+            Some((column.local.rad(), fit.values(&targets)))
         })
         .collect();
     let places = places(&fits.iter().map(|f| f.0).collect::<Vec<_>>(), half);
@@ -442,65 +465,4 @@ fn places(angles: &[f64], half: &HalfCircle) -> Vec<Option<[(usize, f64); 2]>> {
         Some([(above - 1, 1.0 - t), (above, t)])
     };
     half.angles.iter().map(|&angle| at(angle)).collect()
-}
-
-/// The m coefficients of each of the `targets` (values at the column's samples) by weighted least squares, and the covariance of those of
-/// its own values; nothing if no sample is present.
-///
-/// A prior of ten times the column's rms per coefficient keeps unseen arcs finite: it changes what was seen by
-/// less than (noise / 10 · signal)², and what was not seen comes out with a variance that says so.
-fn fit_column(
-    column: &Column,
-    channel: usize,
-    order: usize,
-    targets: &[&[f64]],
-) -> Option<(Vec<Vec<f64>>, Covariance)> {
-    let (value, variance) = (column.value.get(channel)?, column.variance.get(channel)?);
-    let present: Vec<usize> = (0..column.alpha.len())
-        .filter(|&i| variance[i].is_finite() && variance[i] > 0.0 && value[i].is_finite())
-        .collect();
-    if present.is_empty() {
-        return None;
-    }
-    let n = column.alpha.len();
-    let first = variance[0];
-    let even = present.len() == n && variance.iter().all(|v| (v - first).abs() <= 1e-9 * first);
-    if even && n > 2 * order && column.regular().is_some() {
-        let transform = CircleTransform::new(n, -PI + PI / n as f64);
-        let values = targets.iter().map(|target| {
-            let series = transform.analyse(target, order);
-            let mut values = vec![series.coefficients[0].re];
-            for c in series.coefficients.iter().skip(1) {
-                values.extend([SQRT_2 * c.re, SQRT_2 * c.im]);
-            }
-            values
-        });
-        return Some((values.collect(), Covariance::White(first / n as f64)));
-    }
-    let size = 2 * order + 1;
-    let design = Mat::from_fn(present.len(), size, |row, i| {
-        let phase = i.div_ceil(2) as f64 * column.alpha[present[row]];
-        let basis = match (i, i % 2) {
-            (0, _) => 1.0,
-            (_, 1) => SQRT_2 * phase.cos(),
-            _ => -SQRT_2 * phase.sin(),
-        };
-        basis / variance[present[row]].sqrt()
-    });
-    let target = Mat::from_fn(present.len(), targets.len(), |row, t| {
-        targets[t][present[row]] / variance[present[row]].sqrt()
-    });
-    let power = present.iter().map(|&i| value[i].powi(2)).sum::<f64>() / present.len() as f64;
-    let noise = present.iter().map(|&i| variance[i]).sum::<f64>() / present.len() as f64;
-    let mut normal = design.transpose() * &design;
-    for i in 0..size {
-        normal[(i, i)] += 1.0 / (100.0 * (power + noise));
-    }
-    let factor = normal.llt(Side::Lower).ok()?;
-    let solved = factor.solve(design.transpose() * &target);
-    let covariance = factor.solve(Mat::<f64>::identity(size, size));
-    let values = (0..targets.len())
-        .map(|t| (0..size).map(|i| solved[(i, t)]).collect())
-        .collect();
-    Some((values, Covariance::Full(covariance)))
 }

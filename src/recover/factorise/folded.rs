@@ -20,7 +20,7 @@ use crate::recover::brdf::basis::Basis;
 
 /// How many times the number of resolved frequencies are counted as folding: the sum of 1/q² beyond is below a tenth of
 /// that within.
-const REACH: usize = 6;
+pub(super) const REACH: usize = 6;
 
 /// ρ̃ as a smooth function that vanishes at ±90°, given a lighting: what goes on at frequencies that were not fitted.
 pub(super) struct Surface {

@@ -68,6 +68,7 @@
 
 mod absent;
 mod channel;
+mod column_fit;
 mod columns;
 mod folded;
 mod gauge;
@@ -95,6 +96,7 @@ use serde::{Deserialize, Serialize};
 
 use channel::recover_channel;
 use columns::Spectrum;
+pub use warnings::MISFIT;
 use warnings::warnings;
 
 use crate::angle::{LocalAngle, WorldAngle};
@@ -275,7 +277,7 @@ pub fn cramer_rao(
     order: usize,
 ) -> Result<Vec<f64>> {
     let half = columns::half_circle(clean)?;
-    let mut spectrum = Spectrum::fit(clean, channel, &half, order)?;
+    let mut spectrum = Spectrum::fit(clean, channel, &half, order, 1.0)?;
     spectrum.forget_guesses();
     let frequencies: Vec<usize> = (0..=order).collect();
     let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;

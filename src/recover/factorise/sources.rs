@@ -108,9 +108,11 @@ impl Sources {
             found.refine(&frequencies, &target, &weights);
         }
         let (mut power, mut unexplained) = (0.0, 0.0);
-        for &p in frequencies.iter().filter(|p| 2 * **p > last) {
-            power += lighting.get(p as i64).norm_sqr();
-            unexplained += (lighting.get(p as i64) - found.coefficient(p)).norm_sqr();
+        for (i, &p) in frequencies.iter().enumerate().filter(|f| 2 * *f.1 > last) {
+            // What noise brings, which nothing explains.
+            let noise = covariance[(2 * i, 2 * i)] + covariance[(2 * i + 1, 2 * i + 1)];
+            power += lighting.get(p as i64).norm_sqr() - noise;
+            unexplained += (lighting.get(p as i64) - found.coefficient(p)).norm_sqr() - noise;
         }
         (unexplained < (1.0 - SHARE) * power).then_some(found)
     }

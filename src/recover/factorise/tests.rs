@@ -324,7 +324,7 @@ fn the_bound_is_that_of_the_whole_problem() {
     let fast = cramer_rao(&s, 0, &truth, 3).expect("a bound");
 
     let half = HalfCircle::new(8);
-    let spectrum = Spectrum::fit(&s, 0, &half, 3).expect("a spectrum");
+    let spectrum = Spectrum::fit(&s, 0, &half, 3, 1.0).expect("a spectrum");
     let e = half.exponentials(3);
     // ρ̃ that explains the field exactly at the nodes: the least-squares symmetric one.
     let unknowns: Vec<(usize, usize)> = (0..8).flat_map(|a| (0..=a).map(move |b| (a, b))).collect();

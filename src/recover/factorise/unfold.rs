@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::light_field::Samples;
 
 /// Most rounds of taking folded frequencies from the samples.
-const UNFOLDINGS: usize = 3;
+const UNFOLDINGS: usize = 4;
 /// Share of the folded amplitude that is always taken to be left.
 const LEFT: f64 = 0.1;
 /// Change of what is folded, relative to it, at which no further round is needed.
@@ -20,8 +20,9 @@ const UNFOLDED: f64 = 0.02;
 
 /// The factorisation again, without what unresolved frequencies of the sources in it fold onto the others.
 ///
-/// What is left of them is a share of what was there: at least [`LEFT`], and as much as brings the misfit down to 1. A
-/// round counts if it lowers the misfit in units of the noise alone.
+/// What is left of them is a share of what was there: at least [`LEFT`], and as much as brings the misfit down to 1. The result is the
+/// last round that lowers the misfit of the frequencies of both in units of the noise alone, or leaves nothing beyond the noise: the
+/// first may overshoot.
 pub(super) fn unfold(
     samples: &Samples,
     channel: usize,
@@ -35,43 +36,51 @@ pub(super) fn unfold(
     let mut left = LEFT * LEFT;
     let mut before: Option<Sources> = None;
     let mut best = first;
-    let mut least = noise_misfit(&best, half)?;
+    // The round before, where it was not yet the best.
+    let mut last: Option<Settled> = None;
     for _ in 0..UNFOLDINGS {
+        let from = last.as_ref().unwrap_or(&best);
         let covariance =
-            Linearised::new(&best.refined, &best.whitened, &best.spectrum)?.covariance();
-        let Some(sources) = Sources::find(&best.refined.lighting, &best.frequencies, &covariance)
+            Linearised::new(&from.refined, &from.whitened, &from.spectrum)?.covariance();
+        let Some(sources) = Sources::find(&from.refined.lighting, &from.frequencies, &covariance)
         else {
             break;
         };
         if before.is_some_and(|b| b.change(&sources, 2 * resolved) < UNFOLDED) {
             break;
         }
-        let surface = Surface::fit(&best.whitened, half, &best.refined)?;
+        let surface = Surface::fit(&from.whitened, half, &from.refined)?;
         let without = folded::without(samples, channel, &surface, &sources, resolved, order);
-        let mut spectrum = Spectrum::fit(&without, 0, half, resolved)?.truncated(order);
+        let mut spectrum = Spectrum::fit(&without, 0, half, resolved, left)?.truncated(order);
         spectrum.changes.clone_from(&folded.changes);
-        spectrum.folds.clone_from(&folded.folds);
         spectrum.folded = folded.folded.iter().map(|f| left * f).collect();
-        let mut next = settle(&spectrum, half, options, Some(&best.refined.lighting))?;
+        let mut next = settle(&spectrum, half, options, Some(&from.refined.lighting))?;
         next.sources = Some(sources.clone());
-        let misfit = noise_misfit(&next, half)?;
-        if misfit >= least {
-            break;
-        }
+        let common: Vec<usize> = next
+            .frequencies
+            .iter()
+            .copied()
+            .filter(|p| best.frequencies.contains(p))
+            .collect();
+        let misfit = noise_misfit(&next, &common, half)?;
         let (sum, count) = next.refined.pairs.misfit();
         left = (left * sum / count.max(1) as f64).clamp(LEFT * LEFT, 1.0);
         before = Some(sources);
-        best = next;
-        least = misfit;
+        if misfit < noise_misfit(&best, &common, half)?.max(1.0) {
+            best = next;
+            last = None;
+        } else {
+            last = Some(next);
+        }
     }
     Ok(best)
 }
 
-/// Mean square of the constraints in units of the noise alone.
-fn noise_misfit(settled: &Settled, half: &HalfCircle) -> Result<f64> {
+/// Mean square of the constraints among `frequencies` in units of the noise alone.
+fn noise_misfit(settled: &Settled, frequencies: &[usize], half: &HalfCircle) -> Result<f64> {
     let mut spectrum = settled.spectrum.clone();
     spectrum.folded.fill(0.0);
-    let whitened = Whitened::new(&spectrum, half, &settled.frequencies);
+    let whitened = Whitened::new(&spectrum, half, frequencies);
     let (sum, count) = Pairs::new(
         &whitened,
         &settled.refined.lighting,

@@ -3,6 +3,10 @@
 use super::Channel;
 use crate::lighting::Status;
 
+/// Mean square of the reciprocity residuals in units of the noise above which a warning is given: thousands of coefficients scatter by less
+/// than 0.05 about 1, and a noise model is good to a tenth of the variance.
+pub const MISFIT: f64 = 1.2;
+
 /// What a reader must know about a channel.
 pub(super) fn warnings(channel: &Channel) -> Vec<String> {
     let name = &channel.name;
@@ -46,7 +50,7 @@ pub(super) fn warnings(channel: &Channel) -> Vec<String> {
             others.join(" and ")
         ));
     }
-    if channel.misfit > 1.2 {
+    if channel.misfit > MISFIT {
         said.push(format!(
             "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by \
              that. Light from out of the plane, a texture, or too small a noise estimate would do this.",

@@ -8,7 +8,7 @@ use faer::Mat;
 use rayon::prelude::*;
 
 use super::prior::{Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv};
-use super::sources::{Response, response_derivatives, unit_responses, weighted_product};
+use super::sources::{Lit, Response, weighted_product};
 use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
 use crate::angle::wrap;
 use crate::brdf::Brdf;
@@ -278,13 +278,13 @@ impl Mixture {
     /// The likeliest number of sources with the smooth light: none, or the first ones of `candidates`
     /// (directions, radians, brightest first).
     pub fn fit(
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         regularisation: Regularisation,
         candidates: &[f64],
     ) -> Result<Self> {
-        Self::with_directions(samples, channels, &[], regularisation)?.extended(
-            samples,
+        Self::with_directions(lit, channels, &[], regularisation)?.extended(
+            lit,
             channels,
             regularisation,
             candidates,
@@ -294,13 +294,13 @@ impl Mixture {
     /// The likeliest number of sources, starting from these, after the channels' noise has changed.
     pub fn refit(
         &self,
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         regularisation: Regularisation,
         candidates: &[f64],
     ) -> Result<Self> {
-        Self::refined(samples, channels, &self.directions, regularisation)?.extended(
-            samples,
+        Self::refined(lit, channels, &self.directions, regularisation)?.extended(
+            lit,
             channels,
             regularisation,
             candidates,
@@ -310,7 +310,7 @@ impl Mixture {
     /// With as many more sources at `candidates` as are believed, and peaks split in two.
     fn extended(
         self,
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         regularisation: Regularisation,
         candidates: &[f64],
@@ -330,7 +330,7 @@ impl Mixture {
             }
             trial.push(candidate);
             // One more may be needed before two weaker sources together pay.
-            if best.improve(samples, channels, &trial, regularisation)? {
+            if best.improve(lit, channels, &trial, regularisation)? {
                 worse = 0;
             } else {
                 worse += 1;
@@ -353,7 +353,7 @@ impl Mixture {
             }
             split[s] = theta - SPLIT;
             split.push(theta + SPLIT);
-            if best.explains(channels) || best.improve(samples, channels, &split, regularisation)? {
+            if best.explains(channels) || best.improve(lit, channels, &split, regularisation)? {
                 break;
             }
         }
@@ -377,12 +377,12 @@ impl Mixture {
     /// Takes the fit with sources at about `directions` instead, if it is believed more.
     fn improve(
         &mut self,
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         directions: &[f64],
         regularisation: Regularisation,
     ) -> Result<bool> {
-        let trial = Self::refined(samples, channels, directions, regularisation)?;
+        let trial = Self::refined(lit, channels, directions, regularisation)?;
         let more = directions
             .len()
             .saturating_sub(self.directions.len())
@@ -408,7 +408,7 @@ impl Mixture {
     /// Directions improved by Gauss–Newton steps: first as if nearly all light came from the sources, which
     /// pins them down, then with the prior that the data choose.
     fn refined(
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         directions: &[f64],
         regularisation: Regularisation,
@@ -417,19 +417,19 @@ impl Mixture {
             .iter()
             .map(|c| Strength::Held(SpectralPrior::flat(SHARP * c.mean_light)))
             .collect();
-        let mut settled = Self::descended(samples, channels, directions, &sharp)?;
-        let mut mixture = Self::with_directions(samples, channels, &settled, regularisation)?;
+        let mut settled = Self::descended(lit, channels, directions, &sharp)?;
+        let mut mixture = Self::with_directions(lit, channels, &settled, regularisation)?;
         // The better the directions, the less is left for the smooth light, and the other way round.
         for _ in 0..ROUNDS {
             let priors: Vec<SpectralPrior> = mixture.fits.iter().map(|f| f.prior).collect();
             let held: Vec<Strength> = priors.iter().map(|&p| Strength::Held(p)).collect();
-            settled = mixture.descended_on(samples, channels, &held)?;
-            mixture = Self::with_directions(samples, channels, &settled, regularisation)?;
+            settled = mixture.descended_on(lit, channels, &held)?;
+            mixture = Self::with_directions(lit, channels, &settled, regularisation)?;
             if mixture.fits.iter().map(|f| f.prior).eq(priors) {
                 break;
             }
         }
-        let steps = mixture.direction_steps(samples, channels);
+        let steps = mixture.direction_steps(lit, channels);
         // Laplace's approximation for each direction, with all directions equally likely before.
         for (_, sigma) in &steps {
             mixture.log_evidence += sigma.ln() - 0.5 * TAU.ln();
@@ -440,19 +440,18 @@ impl Mixture {
 
     /// Directions at which the Gauss–Newton steps under held priors have come to rest.
     fn descended(
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         directions: &[f64],
         strengths: &[Strength],
     ) -> Result<Vec<f64>> {
-        Self::fitted(samples, channels, directions, strengths)?
-            .descended_on(samples, channels, strengths)
+        Self::fitted(lit, channels, directions, strengths)?.descended_on(lit, channels, strengths)
     }
 
     /// The same, starting from this fit, whose priors are those held.
     fn descended_on(
         &self,
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         strengths: &[Strength],
     ) -> Result<Vec<f64>> {
@@ -460,7 +459,7 @@ impl Mixture {
         let mut next;
         let mut mixture = self;
         for step in 1..=STEPS {
-            let steps = mixture.direction_steps(samples, channels);
+            let steps = mixture.direction_steps(lit, channels);
             for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
                 *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
             }
@@ -468,7 +467,7 @@ impl Mixture {
             if step == STEPS || steps.iter().all(|(step, sigma)| step.abs() < 0.1 * sigma) {
                 break;
             }
-            next = Self::fitted(samples, channels, &directions, strengths)?;
+            next = Self::fitted(lit, channels, &directions, strengths)?;
             mixture = &next;
         }
         Ok(directions)
@@ -476,26 +475,26 @@ impl Mixture {
 
     /// The fit with the sources' directions held.
     fn with_directions(
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         directions: &[f64],
         regularisation: Regularisation,
     ) -> Result<Self> {
         let strengths = vec![Strength::Chosen(regularisation); channels.len()];
-        Self::fitted(samples, channels, directions, &strengths)
+        Self::fitted(lit, channels, directions, &strengths)
     }
 
     fn fitted(
-        samples: &Samples,
+        lit: &Lit<'_>,
         channels: &[Channel<'_>],
         directions: &[f64],
         strengths: &[Strength],
     ) -> Result<Self> {
         let responses: Vec<Vec<Arc<Response>>> = directions
             .iter()
-            .map(|&theta| of_each_brdf(channels, |brdfs| unit_responses(samples, brdfs, theta)))
+            .map(|&theta| of_each_brdf(channels, |brdfs| lit.unit_responses(brdfs, theta)))
             .collect();
-        let of_channels = projected(samples, channels, &responses);
+        let of_channels = projected(lit.samples, channels, &responses);
         let fits: Vec<Fit> = channels
             .par_iter()
             .zip(strengths)
@@ -515,17 +514,13 @@ impl Mixture {
     }
 
     /// For each source the Gauss–Newton step of its direction and its standard deviation, radians.
-    fn direction_steps(&self, samples: &Samples, channels: &[Channel<'_>]) -> Vec<(f64, f64)> {
+    fn direction_steps(&self, lit: &Lit<'_>, channels: &[Channel<'_>]) -> Vec<(f64, f64)> {
         let derivatives: Vec<Vec<Arc<Response>>> = self
             .directions
             .iter()
-            .map(|&theta| {
-                of_each_brdf(channels, |brdfs| {
-                    response_derivatives(samples, brdfs, theta)
-                })
-            })
+            .map(|&theta| of_each_brdf(channels, |brdfs| lit.response_derivatives(brdfs, theta)))
             .collect();
-        let of_channels = projected(samples, channels, &derivatives);
+        let of_channels = projected(lit.samples, channels, &derivatives);
         let count = channels.len();
         let parts: Vec<(f64, f64)> = (0..self.directions.len() * count)
             .into_par_iter()

@@ -38,6 +38,7 @@ pub use estimate::{
 use mixture::{Channel, ChannelParts, Mixture};
 use prior::Posterior;
 pub use prior::SpectralPrior;
+use sources::Lit;
 
 /// σ(L_p)/L_0 up to which a coefficient is determined.
 pub const DETERMINED: f64 = 0.05;
@@ -174,14 +175,15 @@ pub fn recover_with(
     } else {
         Vec::new()
     };
-    let mut mixture = Mixture::fit(samples, &channels, options.regularisation, &candidates)?;
+    let lit = Lit::new(samples);
+    let mut mixture = Mixture::fit(&lit, &channels, options.regularisation, &candidates)?;
     // What sources explain is no noise: with less noise, fainter sources show and errors are smaller.
     for _ in 0..NOISE_ROUNDS {
         if mixture.directions.is_empty() || !mixture.measure_noise(&mut channels) {
             break;
         }
         weak = weak_posteriors(&channels)?;
-        mixture = mixture.refit(samples, &channels, options.regularisation, &candidates)?;
+        mixture = mixture.refit(&lit, &channels, options.regularisation, &candidates)?;
     }
 
     let estimates = (0..channels.len())

@@ -4,8 +4,8 @@
 use rayon::prelude::*;
 
 use crate::angle::{NormalAngle, WorldAngle};
-use crate::brdf::{Brdf, Isotropic, Pair};
-use crate::light_field::Samples;
+use crate::brdf::{Brdf, Pair};
+use crate::light_field::{Column, Samples};
 
 /// Step (radians) of the central difference for a response's derivative by direction.
 const DIFFERENCE: f64 = 2e-4;
@@ -13,57 +13,106 @@ const DIFFERENCE: f64 = 2e-4;
 /// A function of the samples, \[column\]\[n\].
 pub type Response = Vec<Vec<f64>>;
 
-/// B of a unit source (1 W m⁻² on a surface facing it) at `theta` (radians) for every sample,
-/// ρ̂(θ − α, θo′), by each of some BRDFs; 0 for samples that no channel has.
-///
-/// A mirror's delta is not resolved by samples; its part of the response is left out.
-pub fn unit_responses(samples: &Samples, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Response> {
-    let theta = WorldAngle::radians(theta);
-    let forms: Vec<Option<&dyn Isotropic>> = brdfs.iter().map(|b| b.isotropic()).collect();
-    let columns: Vec<Vec<Vec<f64>>> = samples
-        .columns
-        .par_iter()
-        .map(|column| {
-            let pair_of = Pair::towards(column.local);
-            let mut responses = vec![vec![0.0; column.alpha.len()]; brdfs.len()];
-            for (i, &alpha) in column.alpha.iter().enumerate() {
-                let incident = theta - NormalAngle::radians(alpha);
-                if !incident.is_visible() || !column.variance.iter().any(|v| v[i].is_finite()) {
-                    continue;
-                }
-                let pair = pair_of(incident);
-                for ((response, brdf), form) in responses.iter_mut().zip(brdfs).zip(&forms) {
-                    response[i] = match (form, &pair) {
-                        (Some(form), Some(pair)) => form.rho(pair) * pair.cos_incident,
-                        (Some(_), None) => 0.0,
-                        _ => brdf.value(incident, column.local) * incident.visible_cosine(),
-                    };
-                }
-            }
-            responses
-        })
-        .collect();
-    let mut all: Vec<Response> = vec![Vec::with_capacity(columns.len()); brdfs.len()];
-    for column in columns {
-        for (response, column) in all.iter_mut().zip(column) {
-            response.push(column);
-        }
-    }
-    all
+/// Samples prepared for sources from many directions.
+pub struct Lit<'a> {
+    /// The samples.
+    pub samples: &'a Samples,
+    /// Sine and cosine of α/2, \[column\]\[n\].
+    halves: Vec<Vec<(f64, f64)>>,
+    /// Places of the samples that any channel has, \[column\].
+    present: Vec<Vec<usize>>,
 }
 
-/// The derivatives of [`unit_responses`] by the direction, per radian.
-pub fn response_derivatives(samples: &Samples, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Response> {
-    let mut derivatives = unit_responses(samples, brdfs, theta + DIFFERENCE);
-    let before = unit_responses(samples, brdfs, theta - DIFFERENCE);
-    for (derivative, before) in derivatives.iter_mut().zip(before) {
-        for (column, before) in derivative.iter_mut().zip(before) {
-            for (d, b) in column.iter_mut().zip(before) {
-                *d = (*d - b) / (2.0 * DIFFERENCE);
-            }
+impl<'a> Lit<'a> {
+    pub fn new(samples: &'a Samples) -> Self {
+        let halves = |column: &Column| {
+            let half = |alpha: &f64| (0.5 * alpha).sin_cos();
+            column.alpha.iter().map(half).collect()
+        };
+        let present = |column: &Column| {
+            let any = |i: &usize| column.variance.iter().any(|v| v[*i].is_finite());
+            (0..column.alpha.len()).filter(any).collect()
+        };
+        Self {
+            samples,
+            halves: samples.columns.iter().map(halves).collect(),
+            present: samples.columns.iter().map(present).collect(),
         }
     }
-    derivatives
+
+    /// B of a unit source (1 W m⁻² on a surface facing it) at `theta` (radians) for every sample,
+    /// ρ̂(θ − α, θo′), by each of some BRDFs; 0 for samples that no channel has.
+    ///
+    /// A mirror's delta is not resolved by samples; its part of the response is left out.
+    pub fn unit_responses(&self, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Response> {
+        let columns: Vec<Vec<Vec<f64>>> = (0..self.samples.columns.len())
+            .into_par_iter()
+            .map(|j| self.of_column(j, brdfs, theta))
+            .collect();
+        let mut all: Vec<Response> = vec![Vec::with_capacity(columns.len()); brdfs.len()];
+        for column in columns {
+            for (response, column) in all.iter_mut().zip(column) {
+                response.push(column);
+            }
+        }
+        all
+    }
+
+    /// [`Self::unit_responses`] in one column, by BRDF.
+    fn of_column(&self, j: usize, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Vec<f64>> {
+        let (column, halves) = (&self.samples.columns[j], &self.halves[j]);
+        let mut responses = vec![vec![0.0; column.alpha.len()]; brdfs.len()];
+        // (θ − α)/2 by the addition theorem: no sine of every sample's own.
+        let (sin, cos) = (0.5 * theta).sin_cos();
+        let pair_of = Pair::towards_of_half(column.local);
+        let most = self.present[j].len();
+        let (mut places, mut pairs) = (Vec::with_capacity(most), Vec::with_capacity(most));
+        for &i in &self.present[j] {
+            let (s, c) = halves[i];
+            let half = (sin * c - cos * s, cos * c + sin * s);
+            // θ − α in [−π, π).
+            let half = if half.1 < 0.0 {
+                (-half.0, -half.1)
+            } else {
+                half
+            };
+            if let Some(pair) = pair_of(half) {
+                places.push(i);
+                pairs.push(pair);
+            }
+        }
+        let mut rho = Vec::with_capacity(pairs.len());
+        for (response, brdf) in responses.iter_mut().zip(brdfs) {
+            if let Some(form) = brdf.isotropic() {
+                form.rho_of_all(&pairs, &mut rho);
+                for ((&i, pair), rho) in places.iter().zip(&pairs).zip(&rho) {
+                    response[i] = rho * pair.cos_incident;
+                }
+                continue;
+            }
+            for &i in &self.present[j] {
+                let incident = WorldAngle::radians(theta) - NormalAngle::radians(column.alpha[i]);
+                if incident.is_visible() {
+                    response[i] = brdf.value(incident, column.local) * incident.visible_cosine();
+                }
+            }
+        }
+        responses
+    }
+
+    /// The derivatives of [`Self::unit_responses`] by the direction, per radian.
+    pub fn response_derivatives(&self, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Response> {
+        let mut derivatives = self.unit_responses(brdfs, theta + DIFFERENCE);
+        let before = self.unit_responses(brdfs, theta - DIFFERENCE);
+        for (derivative, before) in derivatives.iter_mut().zip(before) {
+            for (column, before) in derivative.iter_mut().zip(before) {
+                for (d, b) in column.iter_mut().zip(before) {
+                    *d = (*d - b) / (2.0 * DIFFERENCE);
+                }
+            }
+        }
+        derivatives
+    }
 }
 
 /// Σ w f g over samples of weights w; f and g at samples of weight 0 are ignored.

@@ -4,14 +4,13 @@
 //! θo′ = −90° + (j + ½)·180°/locals; B in W m⁻² sr⁻¹ if the light is in W m⁻² rad⁻¹ and the BRDF in 1/sr.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
 
-use atomic_write_file::AtomicWriteFile;
 use exr::prelude::{AttributeValue, LayerAttributes};
 
 use super::Prefiltered;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::files;
 use crate::lighting::environment::write_planes;
 
 impl Prefiltered {
@@ -59,12 +58,7 @@ impl Prefiltered {
                 text.push('\n');
             }
         }
-        let write = || {
-            let mut target = AtomicWriteFile::open(file)?;
-            target.write_all(text.as_bytes())?;
-            target.commit()
-        };
-        write().map_err(|e: std::io::Error| Error::write(file, e))
+        files::write_whole(file, text.as_bytes())
     }
 
     /// Writes an image of [`Prefiltered::view`] as a 32-bit EXR file.

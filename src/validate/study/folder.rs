@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Cell, Outcome};
 use crate::error::{Error, Result};
+use crate::files::{self, Claim};
 
 /// Where finished cells are kept.
 const CELLS: &str = "cells";
@@ -23,18 +24,20 @@ struct Kept {
     outcome: Outcome,
 }
 
-/// The output folder of a study.
-#[derive(Clone, Debug)]
+/// The output folder of a study, which no other process may write to meanwhile.
+#[derive(Debug)]
 pub struct StudyFolder {
     path: PathBuf,
+    _claim: Claim,
 }
 
 impl StudyFolder {
     /// Opens or makes the folder.
     ///
     /// # Errors
-    /// If it cannot be made, or holds anything that no study has left there.
+    /// If it cannot be made, holds anything that no study has left there, or another process works in it.
     pub fn open(path: &Path) -> Result<Self> {
+        let claim = files::claim(path)?;
         if let Ok(mut entries) = fs::read_dir(path)
             && entries.next().is_some()
             && !path.join(CELLS).is_dir()
@@ -46,9 +49,10 @@ impl StudyFolder {
             );
         }
         let cells = path.join(CELLS);
-        fs::create_dir_all(&cells).map_err(|e| Error::write(&cells, e))?;
+        files::make_folder(&cells)?;
         Ok(Self {
             path: path.to_path_buf(),
+            _claim: claim,
         })
     }
 
@@ -79,15 +83,19 @@ impl StudyFolder {
         };
         let text = toml::to_string(&kept)
             .map_err(|e| Error::failed(format!("a cell cannot be written as TOML: {e}")))?;
-        write_whole(&self.file(cell)?, &text)
+        files::write_whole(&self.file(cell)?, text.as_bytes())
     }
 
-    /// Writes a file of the study's result, whole or not at all.
+    /// Writes the study's result, (name, text), each whole or not at all, and none if one cannot be written.
     ///
     /// # Errors
-    /// If it cannot be written.
-    pub fn product(&self, name: &str, text: &str) -> Result<()> {
-        write_whole(&self.path.join(name), text)
+    /// If one cannot be written.
+    pub fn products(&self, products: &[(&str, String)]) -> Result<()> {
+        let files: Vec<(PathBuf, &str)> = products
+            .iter()
+            .map(|(name, text)| (self.path.join(name), text.as_str()))
+            .collect();
+        files::write_together(&files)
     }
 
     fn file(&self, cell: &Cell) -> Result<PathBuf> {
@@ -103,10 +111,6 @@ impl StudyFolder {
         );
         Ok(self.path.join(CELLS).join(name))
     }
-}
-
-fn write_whole(path: &Path, text: &str) -> Result<()> {
-    crate::files::write_whole(path, text.as_bytes())
 }
 
 /// `validation.csv`: a row per cell. A number that does not exist is an empty field.
