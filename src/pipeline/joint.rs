@@ -2,14 +2,11 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2, TAU};
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use num_complex::Complex64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::fit::FitQuality;
-use crate::angle::wrap;
 use crate::brdf::fit::FittedParameter;
 use crate::fourier::Series;
 use crate::light_field::{Column, Samples, Systematic};
@@ -253,8 +250,7 @@ fn light_of(found: &Factorisation, kept: impl Fn(&Channel, usize) -> bool) -> Li
     }
 }
 
-/// The samples without what the light's undetermined frequencies did to them, where the views close the circle about
-/// evenly and no sources stand for them: what is left is explained by the determined light alone, at the same information per frequency.
+/// The samples without what the light's undetermined frequencies did to them, as far as they show and where no sources stand for them: what is left is explained by the determined light alone, at the same information per frequency.
 ///
 /// Returned twice: with the samples' variances, and with what the light's own uncertainty by the noise adds to them,
 /// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that it reaches the slice's σ. Where sources stand for L_p
@@ -263,48 +259,41 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Sa
     let mut part = samples.clone();
     let mut widened = samples.clone();
     let sources_miss: Vec<f64> = found.channels.iter().map(sources_miss).collect();
-    let columns = part.columns.par_iter_mut().zip(&mut widened.columns);
-    columns.for_each(|(column, wide)| {
-        for (c, channel) in found.channels.iter().enumerate() {
-            let seen: Vec<usize> = (0..column.alpha.len())
-                .filter(|&i| column.variance[c][i].is_finite())
-                .collect();
-            let alpha: Vec<f64> = seen.iter().map(|&i| column.alpha[i]).collect();
-            let value: Vec<f64> = seen.iter().map(|&i| column.value[c][i]).collect();
-            let Some(series) = column_series(&alpha, &value, channel.band) else {
-                continue;
+    for (c, channel) in found.channels.iter().enumerate() {
+        let modelled = !channel.sources.is_empty();
+        let determined = |p: usize| channel.status.get(p) == Some(&Status::Determined);
+        let spectra = factorise::spectra(samples, c);
+        let columns = part.columns.par_iter_mut().zip(&mut widened.columns);
+        columns.zip(spectra).for_each(|((column, wide), series)| {
+            let Some(mut open) = series else {
+                return;
             };
-            let modelled = !channel.sources.is_empty();
             let added: f64 = (1..=channel.band)
                 .map(|p| {
                     let light = channel.lighting.get(p as i64).norm();
-                    let share = match channel.status[p] {
-                        Status::Determined => own_sigma(channel, p) / light.max(f64::MIN_POSITIVE),
-                        _ if modelled => sources_miss[c],
-                        _ => 0.0,
+                    let share = match determined(p) {
+                        true => own_sigma(channel, p) / light.max(f64::MIN_POSITIVE),
+                        false if modelled => sources_miss[c],
+                        false => 0.0,
                     };
-                    2.0 * (series.get(p as i64).norm() * share.min(1.0)).powi(2)
+                    2.0 * (open.get(p as i64).norm() * share.min(1.0)).powi(2)
                 })
                 .sum();
-            if modelled {
-                for &i in &seen {
+            let shown = channel.band.max(channel.visible_band);
+            for (p, b) in open.coefficients.iter_mut().enumerate() {
+                if modelled || determined(p) || p > shown {
+                    *b = Complex64::ZERO;
+                }
+            }
+            for i in 0..column.alpha.len() {
+                if column.variance[c][i].is_finite() {
+                    column.value[c][i] -= open.evaluate(column.alpha[i]);
+                    wide.value[c][i] = column.value[c][i];
                     wide.variance[c][i] += added;
                 }
-                continue;
             }
-            let mut open = series;
-            for (l, status) in open.coefficients.iter_mut().zip(&channel.status) {
-                if *status == Status::Determined {
-                    *l = Complex64::ZERO;
-                }
-            }
-            for &i in &seen {
-                column.value[c][i] -= open.evaluate(column.alpha[i]);
-                wide.value[c][i] = column.value[c][i];
-                wide.variance[c][i] += added;
-            }
-        }
-    });
+        });
+    }
     (part, widened)
 }
 
@@ -441,47 +430,6 @@ fn responses(found: &Factorisation, channel: &Channel, samples: &Samples) -> Vec
             out
         })
         .collect()
-}
-
-/// The Fourier series up to `order` through samples on the circle by least squares; `None` if a gap between them is
-/// wider than one and a half times their mean distance, or they are too few.
-fn column_series(alpha: &[f64], value: &[f64], order: usize) -> Option<Series> {
-    let (n, m) = (alpha.len(), 2 * order + 1);
-    if n < m {
-        return None;
-    }
-    let mut sorted: Vec<f64> = alpha.iter().map(|a| wrap(*a)).collect();
-    sorted.sort_by(f64::total_cmp);
-    let first = *sorted.first()?;
-    sorted.push(first + TAU);
-    if sorted
-        .windows(2)
-        .any(|w| w[1] - w[0] > 1.5 * TAU / n as f64)
-    {
-        return None;
-    }
-    // f = f_0 + Σ 2 Re f_p cos pα − 2 Im f_p sin pα.
-    let design = Mat::from_fn(n, m, |i, k| {
-        let x = k.div_ceil(2) as f64 * alpha[i];
-        match k {
-            0 => 1.0,
-            _ if k % 2 == 1 => 2.0 * x.cos(),
-            _ => -2.0 * x.sin(),
-        }
-    });
-    let target = Mat::from_fn(n, 1, |i, _| value[i]);
-    let found = (design.transpose() * &design)
-        .llt(Side::Lower)
-        .ok()?
-        .solve(design.transpose() * target);
-    Some(Series {
-        coefficients: (0..=order)
-            .map(|p| match p {
-                0 => Complex64::new(found[(0, 0)], 0.0),
-                _ => Complex64::new(found[(2 * p - 1, 0)], found[(2 * p, 0)]),
-            })
-            .collect(),
-    })
 }
 
 /// How many σ a coefficient of the slice must have to show that the surface passes its frequency.

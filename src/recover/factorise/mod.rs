@@ -91,6 +91,9 @@ mod uncertainty;
 mod unfold;
 mod warnings;
 
+use std::f64::consts::SQRT_2;
+
+use num_complex::Complex64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -263,6 +266,27 @@ pub fn recover_with(
         channels,
         warnings,
     })
+}
+
+/// B_p of every column of `channel` up to the frequency that the views resolve; `None` where a column has no samples.
+pub fn spectra(samples: &Samples, channel: usize) -> Vec<Option<Series>> {
+    let order = columns::resolved_order(samples, channel);
+    let expected = column_fit::Expected::of(samples, channel, order);
+    samples
+        .columns
+        .par_iter()
+        .map(|column| {
+            let fit = column_fit::ColumnFit::new(column, channel, order, expected.as_ref())?;
+            let values = fit.values(&[column.value.get(channel)?]).pop()?;
+            let coefficients = (0..=order).map(|p| match p {
+                0 => Complex64::from(values[0]),
+                _ => Complex64::new(values[2 * p - 1], values[2 * p]) / SQRT_2,
+            });
+            Some(Series {
+                coefficients: coefficients.collect(),
+            })
+        })
+        .collect()
 }
 
 /// σ of L_1 … L_order at the Cramér–Rao bound for L_0 known, for `truth` and samples `clean` of its light field that hold
