@@ -17,7 +17,8 @@
 //! step, or as far as cross-validation asks. From c = (J + P)⁻¹ h the bias that the prior brings in is taken out, to second order, and
 //! c ≥ 0 imposed. σ of what is determined is then that of the noise alone, over captures of this
 //! very surface, and a 95 % interval covers 95 % at each place; for the rest σ holds what the prior expects besides (see
-//! `posterior.rs` and `spread.rs`).
+//! `posterior.rs` and `spread.rs`). Lobes that even the finest splines do not hold leave residuals beyond the noise: what these still miss
+//! is judged from what finer splines mended of the residual and of the slice, and added to σ (see `reading.rs`).
 //!
 //! # What is determined, and the bound
 //!
@@ -289,23 +290,25 @@ fn recover_channel(
         Some(intervals) if intervals > COARSE => Some(Space::uniform(Basis::new(intervals))),
         Some(_) => None,
     };
-    let fine = match finer {
+    let (fine, missed) = match finer {
         None => {
             coarse = coarse.reconciled()?;
-            None
+            (None, 0.0)
         }
         Some(space) => {
             let (information, _) = reduced(space);
             let fine = Fit::new(information, &smoothness, &relief, options.non_negative)?;
+            let missed = reading::missed(coarse.noise, fine.noise);
             let fine = fine.reconciled()?;
             if fine.noise != coarse.noise {
                 coarse = coarse.at_noise(fine.noise)?;
             }
-            Some(fine)
+            (Some(fine), missed)
         }
     };
     let fit = fine.as_ref().unwrap_or(&coarse);
-    let (grid, spectrum) = reading::read(fit, &coarse, options.size, options.order, &reach)?;
+    let (grid, spectrum) =
+        reading::read(fit, &coarse, missed, options.size, options.order, &reach)?;
     Ok(Slice {
         reciprocal: grid.values,
         sigma: grid.sigma,

@@ -112,16 +112,54 @@ fn sigma(status: Status, posterior: f64, relative: Variances) -> f64 {
     }
 }
 
+/// What finer splines still miss of the slice, in units of what they changed about the coarse ones' slice, from the factors on the variances that
+/// either needs.
+///
+/// Residuals beyond the noise, κ − 1 in the mean square, come from what splines miss: m_c² of the coarse ones, m_f² of the fine, and m_c² − m_f² is
+/// what came between. Where it is something else that does not fit, the ratio says nothing, and as much again is the most that is taken.
+pub fn missed(coarse: f64, fine: f64) -> f64 {
+    let left = fine - 1.0;
+    if left <= 0.0 {
+        0.0
+    } else {
+        (left / (coarse - fine).max(left)).sqrt()
+    }
+}
+
+/// The largest of a map \[i\]\[j\] of size² within `reach` cells to each side.
+fn largest_within(map: &[f64], size: usize, reach: usize) -> Vec<f64> {
+    // Of the lines, twice: the second time across, into the same order again.
+    let along = |map: &[f64]| -> Vec<f64> {
+        let lines: Vec<Vec<f64>> = map
+            .chunks(size)
+            .map(|line| {
+                (0..size)
+                    .map(|j| {
+                        let near = &line[j.saturating_sub(reach)..(j + reach + 1).min(size)];
+                        near.iter().copied().fold(0.0, f64::max)
+                    })
+                    .collect()
+            })
+            .collect();
+        (0..size)
+            .flat_map(|j| lines.iter().map(move |line| line[j]))
+            .collect()
+    };
+    along(&along(map))
+}
+
 /// Values of the slice at size² cells, and its Fourier coefficients up to `order`.
 ///
 /// `coarse` is the fit on coarse splines, by which the scatter of the estimate is compared with the posterior's: it has no
-/// finer structure, and holds all of the frequencies.
+/// finer structure, and holds all of the frequencies. `missed` times the difference to it is added to the σ of the values ([`missed`]); coefficients are
+/// integrals, in which errors of narrow splines cancel.
 ///
 /// # Errors
 /// If the problem without smoothness cannot be factored.
 pub fn read(
     fit: &Fit,
     coarse: &Fit,
+    missed: f64,
     size: usize,
     order: usize,
     reach: &Reach,
@@ -152,6 +190,22 @@ pub fn read(
     let cells: Vec<(usize, usize)> = (0..size)
         .flat_map(|i| (0..=i).map(move |j| (i, j)))
         .collect();
+    let unresolved: Vec<f64> = match missed > 0.0 {
+        false => vec![0.0; size * size],
+        true => {
+            let mut change = vec![0.0; size * size];
+            for (&(i, j), value) in cells.iter().zip(&values) {
+                let (a, b) = (centre(size, i), centre(size, j));
+                let before =
+                    posterior::apply(&coarse.space().value_at(a, b), &coarse.posterior.mean);
+                change[i * size + j] = missed * (value - before).abs();
+                change[j * size + i] = change[i * size + j];
+            }
+            // The change crosses 0 within the width of a spline.
+            let reach = size.div_ceil(2 * coarse.space().basis().intervals());
+            largest_within(&change, size, reach)
+        }
+    };
     let judged: Vec<(f64, Status)> = cells
         .par_iter()
         .enumerate()
@@ -165,7 +219,8 @@ pub fn read(
                 true => classify(bound[k], posterior[k].sqrt(), t, p),
                 false => unseen(t, p),
             };
-            (sigma(status, posterior[k], spread.at(a, b)), status)
+            let own = sigma(status, posterior[k], spread.at(a, b));
+            (own.hypot(unresolved[i * size + j]), status)
         })
         .collect();
     let mut grid = GridValues {
@@ -357,4 +412,32 @@ fn places(space: &Space, size: usize) -> Vec<Vec<(usize, f64)>> {
 /// θ′ at the centre of cell `k` of `size`, radians.
 fn centre(size: usize, k: usize) -> f64 {
     -FRAC_PI_2 + (k as f64 + 0.5) * PI / size as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finer_splines_that_explain_everything_miss_nothing() {
+        assert_eq!(missed(100.0, 1.0), 0.0);
+        // Residuals of variance 101, of which 1 is noise, come down to 5: errors of 10 and of 2, and √96 between them.
+        assert!((missed(101.0, 5.0) - 2.0 / 96f64.sqrt()).abs() < 1e-12);
+        // What finer splines do not mend is not theirs.
+        assert_eq!(missed(5.0, 5.0), 1.0);
+        assert_eq!(missed(1.0, 5.0), 1.0);
+    }
+
+    #[test]
+    fn the_largest_within_a_square() {
+        let mut map = vec![0.0; 36];
+        map[2 * 6 + 4] = 3.0;
+        let found = largest_within(&map, 6, 1);
+        for i in 0..6usize {
+            for j in 0..6usize {
+                let near = i.abs_diff(2) <= 1 && j.abs_diff(4) <= 1;
+                assert_eq!(found[i * 6 + j], if near { 3.0 } else { 0.0 });
+            }
+        }
+    }
 }
