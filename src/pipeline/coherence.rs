@@ -8,6 +8,10 @@ use crate::light_field::Samples;
 use crate::recover::Status;
 use crate::recover::brdf::Slice;
 
+/// Variance of the residual, in units of the samples' variances, from which it is looked at: below, chance and the noise model's own error
+/// make as much.
+pub const MISFIT: f64 = 2.0;
+
 /// Residuals of one channel by view, in the order of θo′, with the samples' variances.
 struct Lines(Vec<Vec<Option<(f64, f64)>>>);
 

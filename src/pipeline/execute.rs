@@ -213,7 +213,7 @@ impl Task<'_> {
         let mut recovered = self.residuals(&on_grid, &on_samples);
         let together = coherence::factors(samples, &on_samples);
         for (slice, factor) in estimate.slices.iter_mut().zip(together) {
-            if slice.noise > brdf::NOISE_FACTOR {
+            if slice.noise > coherence::MISFIT {
                 coherence::widen(slice, factor);
             }
         }
