@@ -13,6 +13,8 @@ use crate::error::{Error, Result};
 
 #[cfg(feature = "raw")]
 mod decode;
+#[cfg(feature = "raw")]
+mod directories;
 #[cfg(all(test, feature = "raw"))]
 pub(crate) mod tests;
 

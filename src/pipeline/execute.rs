@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::advice;
 use super::balance;
+use super::coherence;
 use super::explain;
 use super::fingerprint::fingerprint;
 use super::fit;
@@ -202,17 +203,24 @@ impl Task<'_> {
         self.progress.stage("BRDF", 2);
         let light = described.resolve(&samples.channels, &recipe.folder)?;
         let options = material::options(&recipe.recovery)?;
-        let estimate = brdf::recover_with(samples, &self.measured.systematics, &light, &options)?;
+        let mut estimate =
+            brdf::recover_with(samples, &self.measured.systematics, &light, &options)?;
         clock.lap("BRDF");
-        self.progress.step();
-        let (models, note) = material::fit_models(&estimate, self.absolute);
-        clock.lap("models");
         self.progress.step();
         let slice = material::as_material(&estimate)?;
         let on_grid = fit::predict(&light, &slice, &self.measured.field.samples())?;
         let on_samples = fit::predict(&light, &slice, samples)?;
         let mut recovered = self.residuals(&on_grid, &on_samples);
+        let together = coherence::factors(samples, &on_samples);
+        for (slice, factor) in estimate.slices.iter_mut().zip(together) {
+            if slice.noise > coherence::MISFIT {
+                coherence::widen(slice, factor);
+            }
+        }
         clock.lap("residual");
+        let (models, note) = material::fit_models(&estimate, self.absolute);
+        clock.lap("models");
+        self.progress.step();
         if let Some(left) = unexplained(&recovered.fit[..1]) {
             let lamps: Vec<trial::Lamp> = light
                 .sources

@@ -4,6 +4,7 @@ mod advice;
 mod balance;
 mod brdf_products;
 mod causes;
+mod coherence;
 mod execute;
 mod explain;
 mod fingerprint;

@@ -11,7 +11,7 @@
 //! power of the code, a logistic film curve and a straight line are all smooth in it, at both ends. The
 //! weight of the spline's second differences is the one of the largest marginal likelihood; residuals
 //! beyond three standard deviations lose weight; a fall of the curve is not let be. The E_i are eliminated,
-//! the τ_j are common to all channels and known to be small.
+//! the τ_j are common to all channels and small: how small is learnt from them.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -21,9 +21,11 @@ use crate::error::{Error, Result};
 pub(super) const PIECES: usize = 24;
 const COEFFICIENTS: usize = PIECES + 3;
 
-/// How far stated exposure times are off, as a standard deviation of their logarithm: the round numbers
-/// on the dial differ from the powers of two that cameras keep by up to 7 %, most of them by less.
+/// How far stated exposure times are off, as a standard deviation of their logarithm, before the photos are looked at: the round
+/// numbers on the dial differ from the powers of two that cameras keep by up to 7 %, most of them by less. And how many exposures
+/// this counts as, against those that show what this shutter does.
 const TIME_ERROR: f64 = 0.03;
+const TIMES_THOUGHT: f64 = 2.0;
 
 /// Error of the logarithm of light that no noise explains: the light's and the shutter's jitter.
 const FLOOR: f64 = 0.003;
@@ -31,8 +33,9 @@ const FLOOR: f64 = 0.003;
 /// Residual, in standard deviations, from which a measurement loses weight.
 const OUTLIER: f64 = 3.0;
 
-/// Rounds of weighting anew.
+/// Rounds of weighting anew, and those after which the times' scatter is learnt from them.
 const ROUNDS: usize = 12;
+const SETTLED: usize = 3;
 
 /// Weight of what must hold exactly, far above that of all patches together.
 const HOLD: f64 = 1e11;
@@ -116,6 +119,8 @@ pub(super) struct Fitted {
     pub channels: Vec<LogCurve>,
     /// By exposure time: what the stated one is to be multiplied by.
     pub time_factors: Vec<f64>,
+    /// Standard deviations of their logarithms.
+    pub time_sigmas: Vec<f64>,
     /// Root of the mean square residual in units of its σ.
     pub misfit: f64,
 }
@@ -206,7 +211,8 @@ impl Knots {
 pub(super) fn fit(patches: &[Vec<Patch>], seconds: &[f64], codes: Codes) -> Result<Fitted> {
     let knots: Vec<Knots> = patches.iter().map(|p| knots(p, codes)).collect();
     let unknowns = patches.len() * COEFFICIENTS + seconds.len();
-    let prior = prior(patches, seconds, unknowns);
+    let smooth = smoothness(patches.len(), unknowns);
+    let mut thought = Thought::first(seconds.len());
     let mut solution: Option<DVector<f64>> = None;
     let mut weights: Vec<Vec<Vec<f64>>> = patches
         .iter()
@@ -217,6 +223,7 @@ pub(super) fn fit(patches: &[Vec<Patch>], seconds: &[f64], codes: Codes) -> Resu
     // what neighbouring patches have in common.
     let count = patches.iter().map(Vec::len).sum::<usize>() as f64;
     let mut excess = 1.0;
+    let first = patches.len() * COEFFICIENTS;
     for round in 0..ROUNDS {
         let system = System::gather(
             patches,
@@ -227,13 +234,25 @@ pub(super) fn fit(patches: &[Vec<Patch>], seconds: &[f64], codes: Codes) -> Resu
             solution.as_ref(),
             unknowns,
         );
+        let prior = Prior {
+            fixed: thought.fixed(patches.len(), seconds, unknowns),
+            smooth: &smooth,
+            rank: (patches.len() * (COEFFICIENTS - 2)) as f64,
+        };
         let (x, covariance, scale) = system.solve(&prior, excess).ok_or_else(|| {
             Error::input("the brackets do not determine the response")
                 .key("sensor.encoding")
                 .advice("Exposure times must differ, and the photos overlap in brightness.")
         })?;
+        // The prior of the times was multiplied by it.
+        let covariance = covariance * excess;
         if round + 1 < ROUNDS {
             reweigh(patches, seconds, codes, &knots, &x, scale, &mut weights);
+            if round >= SETTLED {
+                let variances: Vec<f64> =
+                    covariance.diagonal().iter().skip(first).copied().collect();
+                thought.learn(x.rows(first, seconds.len()).as_slice(), &variances);
+            }
         }
         excess = 1.0 + (scale * scale - 1.0).max(0.0) * (1.0 + count / INDEPENDENT);
         solution = Some(x.clone());
@@ -257,9 +276,14 @@ pub(super) fn fit(patches: &[Vec<Patch>], seconds: &[f64], codes: Codes) -> Resu
                 .into_owned(),
         })
         .collect();
-    let first = patches.len() * COEFFICIENTS;
     Ok(Fitted {
         channels,
+        time_sigmas: covariance
+            .diagonal()
+            .iter()
+            .skip(first)
+            .map(|v| v.max(0.0).sqrt())
+            .collect(),
         time_factors: x
             .rows(first, seconds.len())
             .iter()
@@ -283,23 +307,18 @@ fn knots(patches: &[Patch], codes: Codes) -> Knots {
     }
 }
 
-/// What is thought before the photos are looked at: second differences of each curve (to be scaled), and
-/// apart the times, a weak hold of the curves' common constant, which the E_i leave free.
-struct Prior {
-    smooth: DMatrix<f64>,
+/// What is thought before the photos are looked at.
+struct Prior<'a> {
+    /// Second differences of each curve, to be scaled.
+    smooth: &'a DMatrix<f64>,
+    /// The times, and a weak hold of the curves' common constant, which the E_i leave free.
     fixed: DMatrix<f64>,
     /// Rank of `smooth`.
     rank: f64,
 }
 
-///
-/// A power of all times, with the curves to the same power, leaves the misfit 0 as it is and shrinks that of
-/// noise; so the stated times are taken to be right on the whole: with n_j the number of patches that exposure
-/// j shows, Σ n_j τ_j = 0 and Σ n_j τ_j ln t_j = 0.
-fn prior(patches: &[Vec<Patch>], seconds: &[f64], unknowns: usize) -> Prior {
-    let channels = patches.len();
+fn smoothness(channels: usize, unknowns: usize) -> DMatrix<f64> {
     let mut smooth = DMatrix::zeros(unknowns, unknowns);
-    let mut fixed = DMatrix::zeros(unknowns, unknowns);
     for c in 0..channels {
         let first = c * COEFFICIENTS;
         for k in first..first + COEFFICIENTS - 2 {
@@ -309,36 +328,79 @@ fn prior(patches: &[Vec<Patch>], seconds: &[f64], unknowns: usize) -> Prior {
                 }
             }
         }
-        for k in first..first + COEFFICIENTS {
-            for m in first..first + COEFFICIENTS {
-                fixed[(k, m)] += 1.0 / (COEFFICIENTS * COEFFICIENTS) as f64;
+    }
+    smooth
+}
+
+/// What is thought of the exposure times.
+struct Thought {
+    /// Variance of the logarithms of their errors.
+    variance: f64,
+    /// By exposure time: how far the photos leave the logarithm open, as a variance.
+    open: Vec<f64>,
+}
+
+impl Thought {
+    fn first(times: usize) -> Self {
+        Self {
+            variance: TIME_ERROR * TIME_ERROR,
+            open: vec![0.0; times],
+        }
+    }
+
+    /// From errors τ that were found, with what the prior left of their variances: the step of expectation and maximisation.
+    fn learn(&mut self, found: &[f64], variances: &[f64]) {
+        let squares = found.iter().zip(variances).map(|(t, v)| t * t + v);
+        // Two of them hold the scale and the power of light.
+        let shown = (found.len() as f64 - 2.0).max(0.0);
+        let thought = TIMES_THOUGHT * TIME_ERROR * TIME_ERROR;
+        let learnt = (squares.sum::<f64>() + thought) / (shown + TIMES_THOUGHT);
+        // Never more than is thought: an exposure that the fit has lost would make room for itself.
+        self.variance = match shown > 0.0 {
+            true => learnt.min(TIME_ERROR * TIME_ERROR),
+            false => TIME_ERROR * TIME_ERROR,
+        };
+        // A normal prior of this variance took v = 1/(1/variance + 1/open).
+        for (open, v) in self.open.iter_mut().zip(variances) {
+            let precision = (1.0 / v - 1.0 / self.variance).max(0.01 / self.variance);
+            *open = 1.0 / precision;
+        }
+    }
+
+    /// The prior's precision.
+    ///
+    /// A power of all times, with the curves to the same power, leaves the misfit 0 as it is and shrinks that of
+    /// noise; so the stated times are taken to be right on the whole: Σ w_j τ_j = 0 and Σ w_j τ_j ln t_j = 0, where w_j is
+    /// the weight of time j in the mean of errors that scatter and are found with their variances.
+    fn fixed(&self, channels: usize, seconds: &[f64], unknowns: usize) -> DMatrix<f64> {
+        let mut fixed = DMatrix::zeros(unknowns, unknowns);
+        for first in (0..channels).map(|c| c * COEFFICIENTS) {
+            for k in first..first + COEFFICIENTS {
+                for m in first..first + COEFFICIENTS {
+                    fixed[(k, m)] += 1.0 / (COEFFICIENTS * COEFFICIENTS) as f64;
+                }
             }
         }
-    }
-    let first = channels * COEFFICIENTS;
-    let mut shown = vec![0.0; seconds.len()];
-    for seen in patches.iter().flatten().flat_map(|patch| &patch.seen) {
-        if let Some(shown) = shown.get_mut(seen.time) {
-            *shown += 1.0;
+        let first = channels * COEFFICIENTS;
+        let weights: Vec<f64> = self
+            .open
+            .iter()
+            .map(|o| 1.0 / (self.variance + o))
+            .collect();
+        let total = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let shares: Vec<(f64, f64)> = weights
+            .iter()
+            .zip(seconds)
+            .map(|(w, t)| (w / total, t.ln()))
+            .collect();
+        let mean = shares.iter().map(|(n, log)| n * log).sum::<f64>();
+        for (i, (n, a)) in shares.iter().enumerate() {
+            fixed[(first + i, first + i)] += 1.0 / self.variance;
+            for (j, (m, b)) in shares.iter().enumerate() {
+                fixed[(first + i, first + j)] += HOLD * n * m * (1.0 + (a - mean) * (b - mean));
+            }
         }
-    }
-    let total = shown.iter().sum::<f64>().max(1.0);
-    let shares: Vec<(f64, f64)> = shown
-        .iter()
-        .zip(seconds)
-        .map(|(n, t)| (n / total, t.ln()))
-        .collect();
-    let mean = shares.iter().map(|(n, log)| n * log).sum::<f64>();
-    for (i, (n, a)) in shares.iter().enumerate() {
-        fixed[(first + i, first + i)] += 1.0 / (TIME_ERROR * TIME_ERROR);
-        for (j, (m, b)) in shares.iter().enumerate() {
-            fixed[(first + i, first + j)] += HOLD * n * m * (1.0 + (a - mean) * (b - mean));
-        }
-    }
-    Prior {
-        smooth,
-        fixed,
-        rank: (channels * (COEFFICIENTS - 2)) as f64,
+        fixed
     }
 }
 
@@ -443,9 +505,9 @@ impl System {
         }
     }
 
-    /// The solution of the largest marginal likelihood over the weight of smoothness, its covariance, and
-    /// the root of the mean square residual.
-    fn solve(&self, prior: &Prior, excess: f64) -> Option<(DVector<f64>, DMatrix<f64>, f64)> {
+    /// The solution of the largest marginal likelihood over the weight of smoothness, the inverse of its
+    /// normal matrix, and the root of the mean square residual.
+    fn solve(&self, prior: &Prior<'_>, excess: f64) -> Option<(DVector<f64>, DMatrix<f64>, f64)> {
         let mut best: Option<(f64, f64)> = None;
         for k in -8..=24 {
             let weight = 10_f64.powf(f64::from(k) / 4.0 + 1.0);
@@ -475,8 +537,7 @@ impl System {
                     + x.dot(&(&self.normal * &x)))
                 .max(0.0)
                     / self.freedom.max(1.0);
-                let covariance = solver.inverse() * misfit.max(1.0);
-                return Some((x, covariance, misfit.sqrt()));
+                return Some((x, solver.inverse(), misfit.sqrt()));
             }
             held.extend(falls);
         }
@@ -485,12 +546,12 @@ impl System {
 
     fn at(
         &self,
-        prior: &Prior,
+        prior: &Prior<'_>,
         excess: f64,
         weight: f64,
         held: &[usize],
     ) -> Option<(DVector<f64>, nalgebra::Cholesky<f64, nalgebra::Dyn>)> {
-        let mut normal = &self.normal + &prior.fixed * excess + &prior.smooth * weight;
+        let mut normal = &self.normal + &prior.fixed * excess + prior.smooth * weight;
         let mut right = self.right.clone();
         for &k in held {
             for (i, a) in [(k, 1.0), (k - 1, -1.0)] {

@@ -29,8 +29,9 @@ const FLAT: f64 = 0.02;
 /// Codes of patches stay this many standard deviations away from where they are clipped.
 const CLIP_MARGIN: f64 = 3.0;
 
-/// How far codes stay above the darkest of the shortest exposure: standard deviations of a patch, and codes.
-const FOG_MARGIN: (f64, f64) = (6.0, 2.0);
+/// How far codes stay above the darkest of the shortest exposure: standard deviations of a patch, codes, and parts of
+/// that darkest code, since a veil is not the same in all exposures.
+const FOG_MARGIN: (f64, f64, f64) = (6.0, 2.0, 0.5);
 
 /// Bins of brightness from dark to bright, and most patches in one of them.
 const BINS: usize = 64;
@@ -43,6 +44,8 @@ pub struct Recovery {
     pub curve: ResponseCurve,
     /// Stated exposure times, seconds, in increasing order, and the factors that the photos showed.
     pub times: Vec<(f64, f64)>,
+    /// Standard deviations of the logarithms of these factors.
+    pub time_sigmas: Vec<f64>,
     /// Number of patches that were used.
     pub patches: usize,
     /// Scatter of the logarithm of light about the fit, in units of what the noise lets expect.
@@ -140,7 +143,7 @@ pub fn recover(capture: &Capture) -> Result<Recovery> {
                 .collect();
             found.extend(cut(&planes, first.size[0] as usize, codes));
         }
-        let kept = spread(above_fog(found), &seconds, codes);
+        let kept = spread(above_fog(found, codes.black), &seconds, codes);
         if kept.len() < 4 * curve::PIECES {
             return Err(Error::input(format!(
                 "expected flat areas that two exposures show unclipped, found {} in channel {name}",
@@ -164,6 +167,7 @@ pub fn recover(capture: &Capture) -> Result<Recovery> {
             times: times.clone(),
         },
         times,
+        time_sigmas: fitted.time_sigmas,
         patches: patches.iter().map(Vec::len).sum(),
         misfit: fitted.misfit,
     })
@@ -253,7 +257,7 @@ fn mean<'a>(values: impl Iterator<Item = &'a f32>, codes: Codes) -> Option<(f64,
 
 /// Patches without what is no lighter than the darkest of the shortest exposure: a film's fog, a veil, a
 /// pedestal that was not stated, where the code no longer depends on the light.
-fn above_fog(patches: Vec<Patch>) -> Vec<Patch> {
+fn above_fog(patches: Vec<Patch>, black: f64) -> Vec<Patch> {
     let mut darkest: Vec<(f64, f64)> = patches
         .iter()
         .flat_map(|patch| &patch.seen)
@@ -264,7 +268,8 @@ fn above_fog(patches: Vec<Patch>) -> Vec<Patch> {
     let Some(&(code, sigma)) = darkest.get(darkest.len() / 100) else {
         return patches;
     };
-    let least = code + FOG_MARGIN.0 * sigma + FOG_MARGIN.1;
+    let veil = FOG_MARGIN.2 * (code - black).max(0.0);
+    let least = code + FOG_MARGIN.0 * sigma + FOG_MARGIN.1 + veil;
     patches
         .into_iter()
         .filter_map(|mut patch| {

@@ -3,20 +3,25 @@
 use std::ops::Range;
 use std::path::Path;
 
-use rawler::decoders::{RawDecodeParams, RawMetadata};
+use rawler::decoders::{Decoder, RawDecodeParams, RawMetadata, WellKnownIFD};
 use rawler::formats::tiff::Rational;
 use rawler::imgop::Rect;
 use rawler::rawimage::{RawImage, RawImageData, RawPhotometricInterpretation};
 use rawler::rawsource::RawSource;
+use rawler::tags::{DngTag, TiffCommonTag};
 
 use super::super::orientation::Orientation;
 use super::super::shot::sensible;
 use super::super::{Format, Header, Info, Photo, Planes, Shot, Storage, believable};
+use super::directories;
 use crate::error::{Error, Result};
+use crate::files;
 
 /// Reads the header of a RAW file and no pixels.
 pub(in super::super) fn info(path: &Path) -> Result<Info> {
-    let (image, shot, bytes) = open(path, true)?;
+    let Opened {
+        image, shot, bytes, ..
+    } = open(path, true)?;
     let sensor = Sensor::of(&image)?;
     believable(sensor.crop_size(), 32, bytes)?;
     Ok(sensor.header(&image, shot).info())
@@ -24,11 +29,16 @@ pub(in super::super) fn info(path: &Path) -> Result<Info> {
 
 /// Reads rows of a RAW file.
 pub(in super::super) fn read(path: &Path, rows: Option<Range<u32>>) -> Result<Photo> {
-    let (header, shot, bytes) = open(path, true)?;
-    let sensor = Sensor::of(&header)?;
-    believable(sensor.crop_size(), 32, bytes)?;
-    let (image, _, _) = open(path, false)?;
-    let sensor = Sensor::of(&image)?;
+    let header = open(path, true)?;
+    believable(Sensor::of(&header.image)?.crop_size(), 32, header.bytes)?;
+    let shot = header.shot;
+    let Opened {
+        image,
+        black_deltas,
+        ..
+    } = open(path, false)?;
+    let mut sensor = Sensor::of(&image)?;
+    sensor.black_deltas = black_deltas;
     let header = sensor.header(&image, shot);
     header.photo(rows, |rows| sensor.planes(&image, rows))
 }
@@ -39,13 +49,53 @@ fn failed(cause: impl std::fmt::Display) -> Error {
     ))
 }
 
+/// A decoded file.
+struct Opened {
+    image: RawImage,
+    shot: Shot,
+    /// Size of the file.
+    bytes: u64,
+    /// What is to be added to the black level: by column and by row of the lit part.
+    black_deltas: [Vec<f64>; 2],
+}
+
+/// Refuses a picture, or tiles, of a size that the file cannot hold, before `rawler` makes room for them: it decodes a DNG to learn of
+/// it.
+fn room(decoder: &dyn Decoder, bytes: u64) -> Result<()> {
+    use TiffCommonTag::{ImageLength, ImageWidth, SamplesPerPixel, TileLength, TileWidth};
+    let Some(raw) = decoder.ifd(WellKnownIFD::Raw).ok().flatten() else {
+        return Ok(());
+    };
+    let number = |tag| raw.get_entry(tag).map(|entry| entry.force_u32(0));
+    let samples = number(SamplesPerPixel).unwrap_or(1).max(2);
+    for sides in [[ImageWidth, ImageLength], [TileWidth, TileLength]] {
+        if let [Some(width), Some(height)] = sides.map(number) {
+            believable([width, height], 16 * u64::from(samples), bytes)?;
+        }
+    }
+    Ok(())
+}
+
+/// Black levels of single columns and rows, which `rawler` does not take into account.
+fn black_deltas(decoder: &dyn Decoder) -> [Vec<f64>; 2] {
+    let raw = decoder.ifd(WellKnownIFD::Raw).ok().flatten();
+    [DngTag::BlackLevelDeltaH, DngTag::BlackLevelDeltaV].map(|tag| {
+        let entry = raw.as_ref().and_then(|raw| raw.get_entry(tag));
+        entry.map_or_else(Vec::new, |entry| {
+            (0..entry.value.count())
+                .map(|k| f64::from(entry.value.force_f32(k)))
+                .collect()
+        })
+    })
+}
+
 /// Decodes a file, with its pixels unless `dummy`.
-fn open(path: &Path, dummy: bool) -> Result<(RawImage, Shot, u64)> {
+fn open(path: &Path, dummy: bool) -> Result<Opened> {
+    let (mut file, bytes) = files::open(path)?;
+    directories::check(&mut file, bytes)?;
     let source = RawSource::new(path).map_err(|cause| Error::read(path, cause))?;
-    let bytes = std::fs::metadata(path)
-        .map_err(|cause| Error::read(path, cause))?
-        .len();
     let decoder = rawler::get_decoder(&source).map_err(failed)?;
+    room(decoder.as_ref(), bytes)?;
     let parameters = RawDecodeParams::default();
     let image = decoder
         .raw_image(&source, &parameters, dummy)
@@ -54,7 +104,12 @@ fn open(path: &Path, dummy: bool) -> Result<(RawImage, Shot, u64)> {
         .raw_metadata(&source, &parameters)
         .map(|metadata| shot(&metadata))
         .unwrap_or_default();
-    Ok((image, shot, bytes))
+    Ok(Opened {
+        black_deltas: black_deltas(decoder.as_ref()),
+        image,
+        shot,
+        bytes,
+    })
 }
 
 fn shot(metadata: &RawMetadata) -> Shot {
@@ -86,6 +141,8 @@ struct Sensor {
     black: Vec<f64>,
     black_size: [usize; 2],
     black_origin: [usize; 2],
+    /// Added to it by column and by row, from the same origin.
+    black_deltas: [Vec<f64>; 2],
     white: f64,
 }
 
@@ -151,6 +208,7 @@ impl Sensor {
             black,
             black_size,
             black_origin,
+            black_deltas: [Vec::new(), Vec::new()],
             white: f64::from(white),
         })
     }
@@ -218,9 +276,14 @@ impl Sensor {
     fn black_at(&self, x: usize, y: usize, sample: usize) -> f64 {
         let [width, height] = self.black_size;
         let cpp = self.black.len() / (width * height).max(1);
+        let delta = |axis: usize, at: usize| {
+            let place = at.checked_sub(self.black_origin[axis])?;
+            self.black_deltas[axis].get(place).copied()
+        };
+        let own = delta(0, x).unwrap_or(0.0) + delta(1, y).unwrap_or(0.0);
         let x = (x + width * self.black_origin[0] - self.black_origin[0]) % width;
         let y = (y + height * self.black_origin[1] - self.black_origin[1]) % height;
         let at = (y * width + x) * cpp + sample.min(cpp.saturating_sub(1));
-        self.black.get(at).copied().unwrap_or(0.0)
+        self.black.get(at).copied().unwrap_or(0.0) + own
     }
 }
