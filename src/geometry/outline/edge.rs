@@ -180,7 +180,7 @@ struct Pixels {
 }
 
 /// Sums over some pixels with Huber's weights: of the weights, of weight times miss, of weight times squared miss, of
-/// the factors on the weights. For the processor's widest instructions.
+/// the factors on the weights.
 struct RobustSums<'a> {
     pixels: &'a Pixels,
     rows: Range<usize>,
@@ -188,11 +188,9 @@ struct RobustSums<'a> {
     robust: bool,
 }
 
-impl pulp::NullaryFnOnce for RobustSums<'_> {
-    type Output = [f64; 4];
-
+impl RobustSums<'_> {
     #[inline(always)]
-    fn call(self) -> [f64; 4] {
+    fn of_rows(self) -> [f64; 4] {
         let Self {
             pixels,
             rows,
@@ -364,32 +362,36 @@ pub(super) fn locate(
         }
         let mut chi = 0.0;
         let mut total = 0.0;
-        for (depth, rows) in &depths {
-            let (basis, turn) = blurred_pixel(depth - edge, strip.slant, &blur);
-            let expected = basis.dot(&levels);
-            // The first pass has no levels yet: it solves for them alone, the edge held.
-            let d_edge = if iteration == 0 {
-                0.0
-            } else {
-                turn.dot(&levels)
-            };
-            let row =
-                SVector::<f64, 6>::new(d_edge, basis[0], basis[1], basis[2], basis[3], basis[4]);
-            let [weight, pull, squares, used] = pulp::Arch::new().dispatch(RobustSums {
-                pixels: &pixels,
-                rows: rows.clone(),
-                expected,
-                robust: iteration > 1,
-            });
-            chi += squares;
-            total += used;
-            for (j, &b) in row.iter().enumerate() {
-                for (i, &a) in row.iter().enumerate() {
-                    normal[(i, j)] += weight * b * a;
+        // All depths at once for the processor's widest instructions.
+        pulp::Arch::new().dispatch(|| {
+            for (depth, rows) in &depths {
+                let (basis, turn) = blurred_pixel(depth - edge, strip.slant, &blur);
+                let expected = basis.dot(&levels);
+                // The first pass has no levels yet: it solves for them alone, the edge held.
+                let d_edge = if iteration == 0 {
+                    0.0
+                } else {
+                    turn.dot(&levels)
+                };
+                let row = [d_edge, basis[0], basis[1], basis[2], basis[3], basis[4]];
+                let [weight, pull, squares, used] = RobustSums {
+                    pixels: &pixels,
+                    rows: rows.clone(),
+                    expected,
+                    robust: iteration > 1,
+                }
+                .of_rows();
+                chi += squares;
+                total += used;
+                for (j, &b) in row.iter().enumerate() {
+                    let weighted = weight * b;
+                    for (i, &a) in row.iter().enumerate() {
+                        normal[(i, j)] += weighted * a;
+                    }
+                    right[j] += b * pull;
                 }
             }
-            right += row * pull;
-        }
+        });
         if iteration == 0 {
             normal[(0, 0)] = 1.0;
         }
@@ -451,6 +453,7 @@ fn nodes(blur: f64) -> Vec<([f64; 4], [f64; 4])> {
 }
 
 /// [`pixel`] seen through a blur of such nodes.
+#[inline(always)]
 fn blurred_pixel(
     depth: f64,
     slant: f64,
@@ -466,25 +469,23 @@ fn blurred_pixel(
             SVector::zeros(),
         );
     }
-    let sums = pulp::Arch::new().dispatch(BlurredTerms { depth, slant, blur });
+    let sums = BlurredTerms { depth, slant, blur }.summed();
     (
         SVector::from_fn(|j, _| sums[j]),
         SVector::from_fn(|j, _| sums[5 + j]),
     )
 }
 
-/// [`terms`] through a blur, for the processor's widest instructions.
+/// [`terms`] through a blur.
 struct BlurredTerms<'a> {
     depth: f64,
     slant: f64,
     blur: &'a [([f64; 4], [f64; 4])],
 }
 
-impl pulp::NullaryFnOnce for BlurredTerms<'_> {
-    type Output = [f64; 10];
-
+impl BlurredTerms<'_> {
     #[inline(always)]
-    fn call(self) -> [f64; 10] {
+    fn summed(self) -> [f64; 10] {
         let mut sums = [[0.0; 4]; 10];
         for (at, weight) in self.blur {
             for k in 0..4 {
@@ -501,6 +502,7 @@ impl pulp::NullaryFnOnce for BlurredTerms<'_> {
 
 /// Background and l₀ … l₃ averaged over a pixel whose centre lies `depth` inside the limb (along the
 /// row; `slant` turns that into depth across the limb), and their derivative by the limb's depth.
+#[inline(always)]
 fn pixel(depth: f64, slant: f64) -> (SVector<f64, 5>, SVector<f64, 5>) {
     let (basis, turn) = terms(depth, slant);
     (SVector::from(basis), SVector::from(turn))
