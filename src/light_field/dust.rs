@@ -14,6 +14,11 @@ const NEIGHBOURHOOD: usize = 32;
 /// looked at again: with 5 degrees of freedom chance gives 8 times in one station of a million.
 const SUSPICIOUS: (f64, f64) = (8.0, 4.0);
 
+/// Part of the largest radiance up to which rows may scatter about the fit unsuspected: what is no parabola is a curve of the fourth order, and
+/// one that scatters so shifts the station by as much (0.9 of it), a tenth of what the choice of rows lets pass. Photographs without noise would be
+/// full of dust otherwise.
+const CURVED: f64 = 1e-5;
+
 /// The least degrees of freedom with which rows can be told to be off.
 pub(super) const LEAST_FREEDOM: u32 = 4;
 
@@ -28,8 +33,10 @@ const OFF: f64 = 5.0;
 const TRIMMED: f64 = 4.85;
 
 /// Stations (of one channel) whose rows scatter suspiciously: each with its rows' variance about the fit and the
-/// mean stated variance of its pixels, along the line; nothing where there are too few rows to tell.
-pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
+/// mean stated variance of its pixels, along the line; nothing where there are too few rows to tell. `largest` is the channel's
+/// largest radiance.
+pub(super) fn suspicious(stations: &[Option<[f64; 2]>], largest: f64) -> Vec<usize> {
+    let curved = (CURVED * largest).powi(2);
     let medians: Vec<f64> = stations
         .chunks(NEIGHBOURHOOD)
         .map(|block| {
@@ -52,7 +59,9 @@ pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
             let usual = median(block)
                 .min(median(block + 1))
                 .min(block.checked_sub(1).map_or(f64::INFINITY, median));
-            let limit = (SUSPICIOUS.0 * usual).max(SUSPICIOUS.1 * stated);
+            let limit = (SUSPICIOUS.0 * usual)
+                .max(SUSPICIOUS.1 * stated)
+                .max(curved);
             (scatter > limit).then_some(k)
         })
         .collect()
@@ -509,9 +518,11 @@ mod tests {
     fn a_station_is_suspicious_against_its_neighbours() {
         let fit = |scatter: f64| Some([scatter, 1e-4]);
         let mut fits: Vec<_> = (0..200).map(|k| fit(1e-3 + 1e-5 * k as f64)).collect();
-        assert!(suspicious(&fits).is_empty());
+        assert!(suspicious(&fits, 1.0).is_empty());
         fits[60..75].fill(fit(0.05));
         fits[150] = None;
-        assert_eq!(suspicious(&fits), (60..75).collect::<Vec<_>>());
+        assert_eq!(suspicious(&fits, 1.0), (60..75).collect::<Vec<_>>());
+        // Scatter of σ 0.22 that is a millionth of the brightest radiance is none.
+        assert!(suspicious(&fits, 2.2e5).is_empty());
     }
 }

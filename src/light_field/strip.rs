@@ -289,7 +289,9 @@ fn leave_dust_out(
                 ])
             })
             .collect();
-        for k in dust::suspicious(&scatter) {
+        let values = fits.iter().skip(c).step_by(channels).flatten();
+        let largest = values.map(|fit| fit.value.abs()).fold(0.0, f64::max);
+        for k in dust::suspicious(&scatter, largest) {
             let (height, reach) = lines[k];
             let near = rows_within(radiance, &lines[k..=k]);
             let at = (near.start - radiance.rows.start) as usize * width + first + k;
