@@ -179,7 +179,7 @@ impl<'a> Channel<'a> {
             .collect();
         let size = n + extra.len();
         let mut matrix = Mat::zeros(size, size);
-        let coefficients = matrix.as_mut().submatrix_mut(0, 0, n, n);
+        let mut coefficients = matrix.as_mut().submatrix_mut(0, 0, n, n);
         coefficients.copy_from(&self.system.matrix);
         let mut vector = self.system.vector.clone();
         for (s, response) in extra.iter().enumerate() {
