@@ -176,15 +176,20 @@ impl Patch {
     /// Σ factor Σ_{mn} c_{mn} f_m g_n over some (f, g, factor), as factors on the unknowns, each named once; f and g are values or derivatives of
     /// the splines within these knots.
     pub fn sum(&self, parts: &[(Local, Local, f64)]) -> Vec<(usize, f64)> {
-        let mut out: Vec<(usize, f64)> = self.unknowns.iter().map(|&u| (u, 0.0)).collect();
+        // The weight of each c_{mn} first: it consists of up to some ten unknowns.
+        let mut weights = vec![0.0; self.starts.len() - 1];
         for (f, g, weight) in parts {
             let products = f
                 .iter()
                 .flat_map(|(_, u)| g.iter().map(move |(_, v)| u * v * weight));
-            for (product, range) in products.zip(self.starts.windows(2)) {
-                for &(place, factor) in &self.terms[range[0]..range[1]] {
-                    out[place].1 += product * factor;
-                }
+            for (sum, product) in weights.iter_mut().zip(products) {
+                *sum += product;
+            }
+        }
+        let mut out: Vec<(usize, f64)> = self.unknowns.iter().map(|&u| (u, 0.0)).collect();
+        for (weight, range) in weights.into_iter().zip(self.starts.windows(2)) {
+            for &(place, factor) in &self.terms[range[0]..range[1]] {
+                out[place].1 += weight * factor;
             }
         }
         out
