@@ -227,8 +227,8 @@ impl pulp::NullaryFnOnce for Equations<'_> {
             sums.used += used;
             for j in 0..6 {
                 let weighted = weight * row[j];
-                for i in 0..6 {
-                    sums.normal[j][i] += weighted * row[i];
+                for (sum, a) in sums.normal[j].iter_mut().zip(row) {
+                    *sum += weighted * a;
                 }
                 sums.right[j] += row[j] * pull;
             }
