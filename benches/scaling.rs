@@ -88,16 +88,19 @@ fn least(mut work: impl FnMut() -> Outcome<()>) -> Outcome<f64> {
     Ok(best)
 }
 
-/// What `flatlight run` does, in a folder of its own.
+/// What `flatlight run` does, in a folder of its own, by one of the workers as there.
 fn run(set: &Path) -> Outcome<Vec<(String, f64)>> {
+    rayon::scope(|_| by_worker(set).map_err(|e| e.to_string())).map_err(Into::into)
+}
+
+fn by_worker(set: &Path) -> Outcome<Vec<(String, f64)>> {
     let recipe_file = set.join("recipe.toml");
     let (recipe, capture) = (Recipe::read(&recipe_file)?, Capture::read(set)?);
     let hashes = input_hashes(&recipe, &recipe_file, &capture)?;
     let mut found = execute(&recipe, &capture, &Silent)?;
     found.input_hashes = hashes;
-    let page = flatlight::report::page(&found)?;
     let out = set.join("out");
-    Folder::new(&out).write(&found, &page)?;
+    Folder::new(&out).write_with(&found, &flatlight::report::page)?;
     std::fs::remove_dir_all(&out)?;
     Ok(found.stage_seconds)
 }

@@ -95,7 +95,13 @@ def describe(text):
 
 def pixels_of(file, rows):
     image = oiio.ImageInput.open(str(file))
-    if rows:
+    tile = image.spec().tile_height
+    if rows and tile:
+        # Whole tiles, of which all but the wanted rows are dropped.
+        first, last = rows[0] // tile * tile, min(-(-rows[1] // tile) * tile, image.spec().height)
+        pixels = image.read_tiles(0, 0, 0, image.spec().width, first, last, 0, 1, 0, 3, oiio.FLOAT)
+        pixels = pixels.reshape(last - first, image.spec().width, 3)[rows[0] - first:rows[1] - first]
+    elif rows:
         pixels = image.read_scanlines(0, 0, rows[0], rows[1], 0, 0, 3, oiio.FLOAT)
     else:
         pixels = image.read_image(0, 0, 0, 3, oiio.FLOAT)

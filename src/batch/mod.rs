@@ -122,7 +122,7 @@ impl Work<'_> {
             let mut run = execute(self.recipe, &capture, &Silent)?;
             run.input_hashes = hashes;
             self.refuse_warnings(&run)?;
-            folder.write(&run, &(self.page)(&run)?)?;
+            folder.write_with(&run, &self.page)?;
         }
         let run = folder.read()?;
         self.refuse_warnings(&run)?;

@@ -118,31 +118,24 @@ pub fn transfer_row(brdf: &dyn Brdf, exitant: LocalAngle, order: usize) -> Vec<C
     let blocks = order / LANES + 1;
     let mut sums = vec![([0.0f64; LANES], [0.0f64; LANES]); blocks];
     let form = brdf.isotropic();
-    let pair_of = Pair::towards(exitant);
+    let pair_of = Pair::towards_of_half(exitant);
+    let mut nodes = Vec::with_capacity(rule.angles.len());
     for (&angle, &weight) in rule.angles.iter().zip(&rule.weights) {
-        let incident = LocalAngle::radians(angle);
+        let half = (0.5 * angle).sin_cos();
         let rho = match form {
-            Some(form) => pair_of(incident).map_or(0.0, |pair| form.rho(&pair)),
-            None => brdf.value(incident, exitant),
+            Some(form) => pair_of(half).map_or(0.0, |pair| form.rho(&pair)),
+            None => brdf.value(LocalAngle::radians(angle), exitant),
         };
-        if rho == 0.0 {
-            continue;
+        if rho != 0.0 {
+            let (sin, cos) = half;
+            let turn = [(cos - sin) * (cos + sin), 2.0 * sin * cos];
+            nodes.push((turn, weight * rho * turn[0]));
         }
-        let (sin, cos) = angle.sin_cos();
-        let mut turn = Complex64::new(weight * rho * cos, 0.0);
-        let step = Complex64::new(cos, sin);
-        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
-        for k in 0..LANES {
-            (re[k], im[k]) = (turn.re, turn.im);
-            turn *= step;
-        }
-        let (s, c) = (LANES as f64 * angle).sin_cos();
-        pulp::Arch::new().dispatch(AddNode {
-            sums: &mut sums,
-            first: [re, im],
-            step: [c, s],
-        });
     }
+    pulp::Arch::new().dispatch(AddNodes {
+        sums: &mut sums,
+        nodes: &nodes,
+    });
     let mirror = brdf.mirror(exitant);
     (0..=order)
         .map(|p| {
@@ -158,26 +151,34 @@ pub fn transfer_row(brdf: &dyn Brdf, exitant: LocalAngle, order: usize) -> Vec<C
         .collect()
 }
 
-/// Adds one node to the sums, [`LANES`] frequencies at a time, for the processor's widest instructions.
-struct AddNode<'a> {
+/// Adds nodes to the sums, [`LANES`] frequencies at a time, for the processor's widest instructions.
+struct AddNodes<'a> {
     sums: &'a mut [([f64; LANES], [f64; LANES])],
-    /// Real and imaginary parts of the first frequencies.
-    first: [[f64; LANES]; 2],
-    /// Cosine and sine that take them to the next.
-    step: [f64; 2],
+    /// Cosine and sine of the angle, and the factor, of each node.
+    nodes: &'a [([f64; 2], f64)],
 }
 
-impl pulp::NullaryFnOnce for AddNode<'_> {
+impl pulp::NullaryFnOnce for AddNodes<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let ([mut re, mut im], [c, s]) = (self.first, self.step);
-        for (sum_re, sum_im) in self.sums.iter_mut() {
+        let turned = |[re, im]: [f64; 2], [c, s]: [f64; 2]| [re * c - im * s, re * s + im * c];
+        for &(step, factor) in self.nodes {
+            // The first frequencies, and what takes them to the next: the turn by LANES times the angle.
+            let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+            let mut turn = [1.0, 0.0];
             for k in 0..LANES {
-                sum_re[k] += re[k];
-                sum_im[k] += im[k];
-                (re[k], im[k]) = (re[k] * c - im[k] * s, re[k] * s + im[k] * c);
+                (re[k], im[k]) = (factor * turn[0], factor * turn[1]);
+                turn = turned(turn, step);
+            }
+            let [c, s] = turn;
+            for (sum_re, sum_im) in self.sums.iter_mut() {
+                for k in 0..LANES {
+                    sum_re[k] += re[k];
+                    sum_im[k] += im[k];
+                    [re[k], im[k]] = turned([re[k], im[k]], [c, s]);
+                }
             }
         }
     }

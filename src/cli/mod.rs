@@ -189,7 +189,8 @@ pub fn main() -> ExitCode {
             capture,
             out,
             force,
-        } => run::run(recipe, capture, out, *force, &arguments.common),
+            // By one of the workers: else they and the one that waits for them wake each other up for every small piece of work.
+        } => rayon::scope(|_| run::run(recipe, capture, out, *force, &arguments.common)),
         Command::Batch {
             folder,
             recipe,
@@ -243,10 +244,12 @@ fn keep_memory() {
     drop(std::hint::black_box(Vec::<u8>::with_capacity(LARGEST)));
 }
 
+/// Starts the workers: so many, or one for each processor, with the stack of a main thread.
 fn threads(count: Option<u16>) -> Result<()> {
-    let Some(count) = count else { return Ok(()) };
+    const STACK: usize = 8 << 20;
     rayon::ThreadPoolBuilder::new()
-        .num_threads(usize::from(count))
+        .num_threads(usize::from(count.unwrap_or(0)))
+        .stack_size(STACK)
         .build_global()
-        .map_err(|e| Error::failed(format!("cannot start {count} threads: {e}")))
+        .map_err(|e| Error::failed(format!("cannot start the threads: {e}")))
 }

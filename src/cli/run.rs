@@ -44,8 +44,7 @@ pub fn run(
             run.warnings.join("\n  ")
         )));
     }
-    let page = report::page(&run)?;
-    folder.write(&run, &page)?;
+    folder.write_with(&run, &report::page)?;
     for warning in &run.warnings {
         say::warning(common, warning);
     }

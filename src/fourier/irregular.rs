@@ -11,8 +11,8 @@ pub fn turns(alpha: &[f64]) -> Vec<[f64; 2]> {
     alpha.iter().map(turn).collect()
 }
 
-/// Lists of values whose sums share the turns' powers.
-const TOGETHER: usize = 4;
+/// Lists of values whose sums share the turns' powers: as many as there are registers for.
+const TOGETHER: usize = 6;
 
 /// Samples whose powers are taken through all frequencies at a time: they stay in the nearest cache.
 const BLOCK: usize = 256;
@@ -34,6 +34,8 @@ pub fn sums(turns: &[[f64; 2]], values: &[&[f64]], order: usize) -> Vec<Vec<Comp
     let mut sums = Vec::with_capacity(values.len());
     for group in values.chunks(TOGETHER) {
         match *group {
+            [a, b, c, d, e, f] => sums.extend(powers(turns, [a, b, c, d, e, f], order)),
+            [a, b, c, d, e] => sums.extend(powers(turns, [a, b, c, d, e], order)),
             [a, b, c, d] => sums.extend(powers(turns, [a, b, c, d], order)),
             [a, b, c] => sums.extend(powers(turns, [a, b, c], order)),
             [a, b] => sums.extend(powers(turns, [a, b], order)),

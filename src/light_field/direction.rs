@@ -17,8 +17,7 @@ const BETTER: f64 = 0.3;
 /// Whether the samples fit much better if all views stand at minus their angle; `orbits` by view.
 pub fn runs_backwards(samples: &Samples, orbits: &[WorldAngle]) -> bool {
     let described = unexplained(samples, orbits, false);
-    let reversed = unexplained(samples, orbits, true);
-    described > UNEXPLAINED && reversed < BETTER * described
+    described > UNEXPLAINED && unexplained(samples, orbits, true) < BETTER * described
 }
 
 /// Part of the variance that the better of the two simple light fields leaves.

@@ -14,6 +14,11 @@ const NEIGHBOURHOOD: usize = 32;
 /// looked at again: with 5 degrees of freedom chance gives 8 times in one station of a million.
 const SUSPICIOUS: (f64, f64) = (8.0, 4.0);
 
+/// Part of the largest radiance up to which rows may scatter about the fit unsuspected: what is no parabola is a curve of the fourth order, and
+/// one that scatters so shifts the station by as much (0.9 of it), a tenth of what the choice of rows lets pass. Photographs without noise would be
+/// full of dust otherwise.
+const CURVED: f64 = 1e-5;
+
 /// The least degrees of freedom with which rows can be told to be off.
 pub(super) const LEAST_FREEDOM: u32 = 4;
 
@@ -28,8 +33,10 @@ const OFF: f64 = 5.0;
 const TRIMMED: f64 = 4.85;
 
 /// Stations (of one channel) whose rows scatter suspiciously: each with its rows' variance about the fit and the
-/// mean stated variance of its pixels, along the line; nothing where there are too few rows to tell.
-pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
+/// mean stated variance of its pixels, along the line; nothing where there are too few rows to tell. `largest` is the channel's
+/// largest radiance.
+pub(super) fn suspicious(stations: &[Option<[f64; 2]>], largest: f64) -> Vec<usize> {
+    let curved = (CURVED * largest).powi(2);
     let medians: Vec<f64> = stations
         .chunks(NEIGHBOURHOOD)
         .map(|block| {
@@ -52,7 +59,9 @@ pub(super) fn suspicious(stations: &[Option<[f64; 2]>]) -> Vec<usize> {
             let usual = median(block)
                 .min(median(block + 1))
                 .min(block.checked_sub(1).map_or(f64::INFINITY, median));
-            let limit = (SUSPICIOUS.0 * usual).max(SUSPICIOUS.1 * stated);
+            let limit = (SUSPICIOUS.0 * usual)
+                .max(SUSPICIOUS.1 * stated)
+                .max(curved);
             (scatter > limit).then_some(k)
         })
         .collect()
@@ -88,24 +97,31 @@ fn lanes_mut(list: &mut [f64]) -> &mut [[f64; LANES]] {
 }
 
 impl Rows {
-    /// Takes rows in place of those before: each is a distance from the line, value, variance, and whether it is there; at most
-    /// `most`.
-    pub(super) fn take(&mut self, most: usize, rows: impl Iterator<Item = ([f64; 3], bool)>) {
+    /// Takes rows in place of those before, from image row `first` on, each with its value and variance: those that are there and no
+    /// further than `reach` from the line at `height` (pixels from the top).
+    pub(super) fn take(
+        &mut self,
+        first: u32,
+        [height, reach]: [f64; 2],
+        values: impl ExactSizeIterator<Item = f32>,
+        variances: impl Iterator<Item = f32>,
+    ) {
+        let most = values.len();
         for list in [&mut self.t, &mut self.value, &mut self.variance] {
             list.resize(most, 0.0);
         }
         let mut count = 0;
-        let places = (&mut self.t, &mut self.value, &mut self.variance);
-        for (row, there) in rows.take(most) {
-            // What is not there is overwritten by what comes next.
-            if let (Some(t), Some(value), Some(variance)) = (
-                places.0.get_mut(count),
-                places.1.get_mut(count),
-                places.2.get_mut(count),
-            ) {
-                [*t, *value, *variance] = row;
+        let [t, value, variance] =
+            [&mut self.t, &mut self.value, &mut self.variance].map(|list| &mut list[..most]);
+        for (row, (v, s)) in (first..).zip(values.zip(variances)) {
+            let distance = f64::from(row) + 0.5 - height;
+            if count < most {
+                // What is not there is overwritten by what comes next.
+                t[count] = distance;
+                value[count] = f64::from(v);
+                variance[count] = f64::from(s);
             }
-            count += usize::from(there);
+            count += usize::from((distance.abs() <= reach) & s.is_finite());
         }
         for list in [&mut self.t, &mut self.value, &mut self.variance] {
             list.truncate(count);
@@ -130,18 +146,33 @@ impl Rows {
         for list in [&mut self.t, &mut self.value, &mut self.variance] {
             list.resize(whole, 0.0);
         }
-        let median = Ranked::among(lanes(&self.distance), count / 2).value;
+        let (least, most) = span(lanes(&self.distance));
+        let middle = 0.5 * (least + most);
+        let median = Ranked::from(
+            lanes(&self.distance),
+            count / 2,
+            middle,
+            least,
+            Some((most, count)),
+        )
+        .value;
         for d in &mut self.distance[..count] {
             *d = (*d - median).abs();
         }
         self.trusted.clear();
         self.trusted.resize(whole, 0.0);
-        let mut scale = 0.0;
-        let mut limit = Ranked::among(lanes(&self.distance), sound - 1);
+        let (mut scale, mut guess) = (0.0, 0.0);
+        let (_, most) = span(lanes(&self.distance));
+        let mut limit = Ranked::from(
+            lanes(&self.distance),
+            sound - 1,
+            SOUND * most,
+            0.0,
+            Some((most, count)),
+        );
         for step in 0..STEPS {
             if step > 0 {
-                // Not far from where it was.
-                limit = Ranked::from(lanes(&self.distance), sound - 1, limit.value);
+                limit = Ranked::from(lanes(&self.distance), sound - 1, guess, 0.0, None);
             }
             if !self.trust(sound, limit) {
                 break;
@@ -152,13 +183,19 @@ impl Rows {
             scale = (TRIMMED * trimmed.residual / f64::from(trimmed.freedom.max(1))).max(stated);
             let k = super::strip::PIXEL_VARIANCE;
             let rows = lanes(&self.t).iter().zip(lanes(&self.value));
-            for (distance, (t, value)) in lanes_mut(&mut self.distance).iter_mut().zip(rows) {
+            let distances = lanes_mut(&mut self.distance).iter_mut();
+            let mut farthest = [0.0; LANES];
+            for ((distance, trusted), (t, value)) in distances.zip(lanes(&self.trusted)).zip(rows) {
                 for lane in 0..LANES {
                     let t = t[lane];
-                    distance[lane] =
-                        (value[lane] - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
+                    let d = (value[lane] - curve[0] - curve[1] * t - curve[2] * (t * t + k)).abs();
+                    distance[lane] = d;
+                    let further = (trusted[lane] > 0.0) & (d > farthest[lane]);
+                    farthest[lane] = if further { d } else { farthest[lane] };
                 }
             }
+            // Of the rows that were trusted: none of the nearest ones is further off.
+            guess = farthest.iter().copied().fold(0.0, f64::max);
             self.distance[count..].fill(f64::INFINITY);
         }
         let limit = OFF * scale.sqrt();
@@ -301,13 +338,19 @@ impl Ranked {
         Self::of(values, sorted.get(rank).copied().unwrap_or(f64::NAN))
     }
 
-    /// The same among values from 0 on, from a guess: between two values whose ranks lie on both sides by linear interpolation, and the
-    /// last few ranks one by one.
+    /// The same among values from `least` on, of which so many are no larger than `most`, from a guess: between two values whose ranks lie on both sides by linear interpolation, and
+    /// the last few ranks one by one.
     #[inline(always)]
-    fn from(values: &[[f64; LANES]], rank: usize, guess: f64) -> Self {
+    fn from(
+        values: &[[f64; LANES]],
+        rank: usize,
+        guess: f64,
+        least: f64,
+        most: Option<(f64, usize)>,
+    ) -> Self {
         // A value and how many are not above it; a value and how many are below it.
-        let (mut low, mut not_above) = (-1.0, 0);
-        let mut high: Option<(f64, usize)> = None;
+        let (mut low, mut not_above) = (least.next_down(), 0);
+        let mut high = most.map(|(most, count)| (most.next_up(), count));
         let mut guess = guess;
         for _ in 0..GUESSES {
             let found = Self::of(values, guess);
@@ -352,6 +395,28 @@ impl Ranked {
     }
 }
 
+/// The least and the largest of the values that are not endless.
+#[inline(always)]
+fn span(values: &[[f64; LANES]]) -> (f64, f64) {
+    let (mut least, mut most) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
+    for lanes in values {
+        for lane in 0..LANES {
+            let value = lanes[lane];
+            least[lane] = if value < least[lane] {
+                value
+            } else {
+                least[lane]
+            };
+            let more = (value > most[lane]) & (value < f64::INFINITY);
+            most[lane] = if more { value } else { most[lane] };
+        }
+    }
+    (
+        least.into_iter().fold(f64::INFINITY, f64::min),
+        most.into_iter().fold(f64::NEG_INFINITY, f64::max),
+    )
+}
+
 /// The least of the values above another.
 #[inline(always)]
 fn next_above(values: &[[f64; LANES]], value: f64) -> f64 {
@@ -385,14 +450,14 @@ mod tests {
     /// Rows of one station with the noise of a fixed sequence.
     fn rows(off: impl Fn(usize) -> f64) -> Rows {
         let mut rows = Rows::default();
-        rows.take(
-            50,
-            (0..48).map(|i| {
-                let t = i as f64 - 23.5;
-                let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
-                ([t, 1.0 - 1e-4 * t * t + noise + off(i), 3.3e-5], true)
-            }),
-        );
+        let value = |i: usize| {
+            let t = i as f64 - 23.5;
+            let noise = ((i * 7919 % 101) as f64 / 101.0 - 0.5) * 0.02;
+            (1.0 - 1e-4 * t * t + noise + off(i)) as f32
+        };
+        let values: Vec<f32> = (0..48).map(value).collect();
+        let line = [24.0, 30.0];
+        rows.take(0, line, values.into_iter(), [3.3e-5; 48].into_iter());
         rows
     }
 
@@ -409,17 +474,28 @@ mod tests {
             for (rank, expected) in sorted.iter().enumerate() {
                 let found = Ranked::among(&values, rank);
                 assert!(found.value == *expected && found.is(rank));
+                let (least, most) = span(&values);
+                assert_eq!((Some(&least), Some(&most)), (sorted.first(), sorted.last()));
+                let found = Ranked::from(
+                    &values,
+                    rank,
+                    0.5 * (least + most),
+                    least,
+                    Some((most, sorted.len())),
+                );
+                assert!(found.value == *expected && found.is(rank));
                 // From any guess, where no value is below 0.
                 let above: Vec<[f64; LANES]> =
                     values.iter().map(|lanes| lanes.map(|v| v + 9.0)).collect();
                 for guess in [0.0, 0.5, 3.0, 7.7, 13.0, 22.0, 30.0, f64::NAN] {
-                    let found = Ranked::from(&above, rank, guess);
+                    let found = Ranked::from(&above, rank, guess, 0.0, None);
                     assert!(found.value == *expected + 9.0 && found.is(rank));
                 }
             }
         }
         let endless = [[f64::INFINITY, 1.0, f64::INFINITY, 2.0]];
         assert_eq!(Ranked::among(&endless, 2).value, f64::INFINITY);
+        assert_eq!(span(&endless), (1.0, 2.0));
     }
 
     #[test]
@@ -442,9 +518,11 @@ mod tests {
     fn a_station_is_suspicious_against_its_neighbours() {
         let fit = |scatter: f64| Some([scatter, 1e-4]);
         let mut fits: Vec<_> = (0..200).map(|k| fit(1e-3 + 1e-5 * k as f64)).collect();
-        assert!(suspicious(&fits).is_empty());
+        assert!(suspicious(&fits, 1.0).is_empty());
         fits[60..75].fill(fit(0.05));
         fits[150] = None;
-        assert_eq!(suspicious(&fits), (60..75).collect::<Vec<_>>());
+        assert_eq!(suspicious(&fits, 1.0), (60..75).collect::<Vec<_>>());
+        // Scatter of σ 0.22 that is a millionth of the brightest radiance is none.
+        assert!(suspicious(&fits, 2.2e5).is_empty());
     }
 }

@@ -76,18 +76,20 @@ pub fn jitter(samples: &Samples, views: usize) -> Option<Jitter> {
         let mut normal = DMatrix::<f64>::identity(views, views) / (POSSIBLE * POSSIBLE);
         let mut right = DVector::<f64>::zeros(views);
         for e in &equations {
-            let sigma = scatter.hypot(e.noise);
+            let variance = scatter * scatter + e.noise * e.noise;
             // Tukey's weight: a detail of the light field says nothing of the exposure.
-            let z = residual(e) / (DETAIL * sigma);
-            if z.abs() >= 1.0 {
+            let outside = residual(e).powi(2) / (DETAIL * DETAIL * variance);
+            if outside >= 1.0 {
                 continue;
             }
-            let weight = (1.0 - z * z).powi(2) / (ALIKE * sigma * sigma);
-            for (i, a) in e.terms {
-                for (j, b) in e.terms {
-                    normal[(i, j)] += weight * a * b;
+            let weight = (1.0 - outside).powi(2) / (ALIKE * variance);
+            for (k, &(i, a)) in e.terms.iter().enumerate() {
+                let weighted = weight * a;
+                // One of each pair, in the lower triangle, which is what the factorisation looks at.
+                for &(j, b) in e.terms.iter().take(k + 1) {
+                    normal[(i.max(j), i.min(j))] += weighted * b;
                 }
-                right[i] += weight * a * e.off;
+                right[i] += weighted * e.off;
             }
         }
         let factor = normal.cholesky()?;

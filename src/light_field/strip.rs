@@ -289,19 +289,22 @@ fn leave_dust_out(
                 ])
             })
             .collect();
-        for k in dust::suspicious(&scatter) {
+        let values = fits.iter().skip(c).step_by(channels).flatten();
+        let largest = values.map(|fit| fit.value.abs()).fold(0.0, f64::max);
+        for k in dust::suspicious(&scatter, largest) {
             let (height, reach) = lines[k];
             let near = rows_within(radiance, &lines[k..=k]);
             let at = (near.start - radiance.rows.start) as usize * width + first + k;
-            let values = radiance.value[c].get(at..).unwrap_or(&[]).iter();
-            let variances = radiance.variance[c].get(at..).unwrap_or(&[]).iter();
-            let pixels = values.step_by(width).zip(variances.step_by(width));
-            let row = |(row, (value, variance)): (u32, (&f32, &f32))| {
-                let t = f64::from(row) + 0.5 - height;
-                let there = (t.abs() <= reach) & variance.is_finite();
-                ([t, f64::from(*value), f64::from(*variance)], there)
-            };
-            rows.take(near.len(), near.zip(pixels).map(row));
+            let [values, variances] = [&radiance.value[c], &radiance.variance[c]].map(|plane| {
+                plane
+                    .get(at..)
+                    .unwrap_or(&[])
+                    .iter()
+                    .copied()
+                    .step_by(width)
+            });
+            let count = near.len();
+            rows.take(near.start, [height, reach], values.take(count), variances);
             if let Some(kept) = rows.without_dust() {
                 sums[k * channels + c] = kept;
                 fits[k * channels + c] = kept.fit();

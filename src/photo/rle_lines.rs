@@ -51,12 +51,10 @@ pub(crate) fn encode(layers: Layers) -> Result<Vec<u8>> {
                 let place = y * width..(y + 1) * width;
                 let before = y.checked_sub(1).map(|y| y * width..(y + 1) * width);
                 let same = |plane: &&[f32]| {
-                    let bits = |v: &f32| v.to_bits();
                     before.clone().is_some_and(|before| {
-                        plane[before]
-                            .iter()
-                            .map(bits)
-                            .eq(plane[place.clone()].iter().map(bits))
+                        // Without a branch in it, so that many are compared at once.
+                        let both = plane[before].iter().zip(&plane[place.clone()]);
+                        both.fold(true, |same, (a, b)| same & (a.to_bits() == b.to_bits()))
                     })
                 };
                 if !planes.iter().all(same) {
@@ -117,7 +115,7 @@ impl Line {
         }
         self.differences.clear();
         self.differences.extend(self.bytes.first());
-        let pairs = self.bytes.iter().zip(self.bytes.iter().skip(1));
+        let pairs = self.bytes.iter().zip(self.bytes.get(1..).unwrap_or(&[]));
         self.differences
             .extend(pairs.map(|(before, byte)| byte.wrapping_sub(*before).wrapping_add(128)));
         self.packed.clear();

@@ -163,9 +163,12 @@ impl Task<'_> {
         let estimate =
             lighting::recover_with(samples, &self.measured.systematics, &material, &options)?;
         clock.lap("lighting");
-        let on_grid = lighting::predict(&estimate, &material, &self.measured.field.samples());
-        let on_samples = lighting::predict(&estimate, &material, samples);
-        let mut recovered = self.residuals(&on_grid, &on_samples);
+        let grid = self.measured.field.samples();
+        let predicted = lighting::predict_all(&estimate, &material, &[&grid, samples]);
+        let [on_grid, on_samples] = predicted.as_slice() else {
+            return Err(Error::failed("the prediction is incomplete"));
+        };
+        let mut recovered = self.residuals(on_grid, on_samples);
         recovered
             .fit
             .iter_mut()

@@ -48,10 +48,13 @@ impl<'a> Product<'a> {
     }
 }
 
-/// The products that `run` has; `report` is the page.
-pub fn products<'a>(run: &'a Run, report: &'a str) -> Vec<Product<'a>> {
+/// Makes the page that reports a run.
+pub type Page<'a> = dyn Fn(&Run) -> Result<String> + Sync + 'a;
+
+/// The products that `run` has; `page` makes the report.
+pub fn products<'a>(run: &'a Run, page: &'a Page<'a>) -> Vec<Product<'a>> {
     let mut products = vec![
-        Product::bytes("report.html", move || Ok(report.as_bytes().to_vec())),
+        Product::bytes("report.html", move || Ok(page(run)?.into_bytes())),
         Product::bytes("summary.json", move || Ok(pretty(&summary(run)))),
         Product::bytes(record::RECORD, move || record::text(run)),
         Product::bytes("recipe.toml", move || {
@@ -370,8 +373,16 @@ impl Folder {
     /// # Errors
     /// If a file cannot be written; nothing of the folder has changed then unless the renaming itself failed.
     pub fn write(&self, run: &Run, report: &str) -> Result<()> {
+        self.write_with(run, &|_| Ok(report.to_owned()))
+    }
+
+    /// The same with the report made while the other products are written.
+    ///
+    /// # Errors
+    /// As [`Self::write`], and if `page` fails.
+    pub fn write_with(&self, run: &Run, page: &Page<'_>) -> Result<()> {
         files::make_folder(&self.path)?;
-        if let Err(error) = self.stage(run, report) {
+        if let Err(error) = self.stage(run, page) {
             // Nothing reads what is left of it, if it cannot be removed either.
             let _ = files::discard(&self.path);
             return Err(error);
@@ -380,9 +391,9 @@ impl Folder {
     }
 
     /// Writes all products into the staging folder.
-    fn stage(&self, run: &Run, report: &str) -> Result<()> {
+    fn stage(&self, run: &Run, page: &Page<'_>) -> Result<()> {
         let staging = files::stage(&self.path)?;
-        let products = products(run, report);
+        let products = products(run, page);
         let hashes: BTreeMap<String, String> = products
             .par_iter()
             .map(|product| {

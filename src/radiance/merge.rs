@@ -159,12 +159,30 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
         (planes, factors) = solved(&stated, &aligned, &files, &thought)?;
     }
     let noise_known = planes.iter().all(|plane| plane.noise.is_some());
-    let mut merged: Vec<Plane> = match exposures.as_slice() {
-        [only] if !noise_known => planes.iter().map(|plane| plane.scale(only)).collect(),
-        _ => planes
+    let shifts = shifts.unwrap_or_else(|| vec![Shift::default(); exposures.len()]);
+    let mut census = Census::default();
+    exposures.iter().for_each(|e| census.add(&e.census));
+    let storage = first.storage;
+    let mut merged: Vec<Plane> = if exposures.len() == 1 && !noise_known {
+        let reaches: Vec<f32> = planes.iter().map(Bracket::only_reach).collect();
+        let scaled = exposures.iter_mut().flat_map(|only| {
+            std::mem::take(&mut only.signal)
+                .into_iter()
+                .zip(std::mem::take(&mut only.rounding))
+        });
+        scaled
+            .zip(reaches)
+            .enumerate()
+            .map(|(channel, (plane, reach))| {
+                let light = illumination.as_ref().and_then(|i| i.get(channel));
+                scale(plane, reach, light.map(Vec::as_slice))
+            })
+            .collect()
+    } else {
+        planes
             .iter()
             .map(|plane| plane.merge(&plane.expected()))
-            .collect(),
+            .collect()
     };
     if let Some(sites) = exposures.first().and_then(|e| e.sites.as_ref()) {
         let width = capture.camera.image_size[0] as usize;
@@ -173,11 +191,8 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
         }
     }
     let (value, variance) = merged.into_iter().unzip();
-    let shifts = shifts.unwrap_or_else(|| vec![Shift::default(); exposures.len()]);
-    let mut census = Census::default();
-    exposures.iter().for_each(|e| census.add(&e.census));
     Ok(Developed {
-        storage: first.storage,
+        storage,
         census,
         radiance: Radiance {
             size: capture.camera.image_size,
@@ -341,40 +356,14 @@ impl Bracket<'_> {
             .unzip()
     }
 
-    /// Radiance and variance of a single exposure whose noise is not known: nothing to weigh.
-    fn scale(&self, only: &Exposure) -> (Vec<f32>, Vec<f32>) {
-        let plane = |planes: &[Vec<f32>]| planes.get(self.channel).cloned().unwrap_or_default();
-        let mut value = plane(&only.signal);
-        let mut variance = plane(&only.rounding);
+    /// Signal per unit of radiance and of illumination of the only exposure.
+    fn only_reach(&self) -> f32 {
         let seconds = self.seconds.first().copied().unwrap_or(1.0);
-        let scale = only
-            .levels
-            .get(self.channel)
+        let levels = self.exposures.first().map(|only| &only.levels);
+        let scale = levels
+            .and_then(|levels| levels.get(self.channel))
             .map_or(1.0, |levels| levels.scale);
-        let reach = (seconds * scale) as f32;
-        let scale_pixel = |value: &mut f32, variance: &mut f32, reach: f32| {
-            let known = value.is_finite() & (reach > 0.0);
-            *value = if known { *value / reach } else { 0.0 };
-            *variance = if known {
-                *variance / (reach * reach)
-            } else {
-                f32::INFINITY
-            };
-        };
-        pulp::Arch::new().dispatch(|| match self.illumination {
-            None => {
-                for (value, variance) in value.iter_mut().zip(&mut variance) {
-                    scale_pixel(value, variance, reach);
-                }
-            }
-            Some(light) => {
-                for (i, (value, variance)) in value.iter_mut().zip(&mut variance).enumerate() {
-                    let light = light.get(i).copied().unwrap_or(f32::NAN);
-                    scale_pixel(value, variance, reach * light);
-                }
-            }
-        });
-        (value, variance)
+        (seconds * scale) as f32
     }
 
     fn merge_pixel(&self, pixel: usize, expected: f64) -> Option<(f64, f64)> {
@@ -407,4 +396,32 @@ impl Bracket<'_> {
         }
         dimmest_use.map(|(m, variance)| (m.signal / m.reach, variance / (m.reach * m.reach)))
     }
+}
+
+/// Radiance and variance from signal and variance of a single exposure whose noise is not known, in their place: nothing to weigh.
+/// `reach` is the signal per unit of radiance, `illumination` by pixel.
+fn scale((mut value, mut variance): Plane, reach: f32, illumination: Option<&[f32]>) -> Plane {
+    let scale_pixel = |value: &mut f32, variance: &mut f32, reach: f32| {
+        let known = value.is_finite() & (reach > 0.0);
+        *value = if known { *value / reach } else { 0.0 };
+        *variance = if known {
+            *variance / (reach * reach)
+        } else {
+            f32::INFINITY
+        };
+    };
+    pulp::Arch::new().dispatch(|| match illumination {
+        None => {
+            for (value, variance) in value.iter_mut().zip(&mut variance) {
+                scale_pixel(value, variance, reach);
+            }
+        }
+        Some(light) => {
+            for (i, (value, variance)) in value.iter_mut().zip(&mut variance).enumerate() {
+                let light = light.get(i).copied().unwrap_or(f32::NAN);
+                scale_pixel(value, variance, reach * light);
+            }
+        }
+    });
+    (value, variance)
 }

@@ -7,8 +7,8 @@
 use std::f64::consts::{PI, TAU};
 
 use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::DenseSolveCore;
-use faer::{Accum, Mat, Par, Side};
+use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::{Accum, Mat, MatRef, Par, Side};
 use num_complex::Complex64;
 use rayon::prelude::*;
 
@@ -193,25 +193,27 @@ pub fn lighting(
         let own = if i == j { 1.0 } else { 0.0 };
         system.matrix[(i, j)] * scale(i) * scale(j) + own
     });
-    let known = |more: Option<Mat<f64>>| -> Option<f64> {
-        let mut precision = have.clone();
-        if let Some(rows) = more {
-            let transposed = rows.transpose();
-            matmul(
-                precision.as_mut(),
-                Accum::Add,
-                transposed,
-                &rows,
-                1.0,
-                Par::Seq,
-            );
+    let Ok(factor) = have.llt(Side::Lower) else {
+        return Err(Error::failed("the information matrix cannot be inverted"));
+    };
+    let covariance = factor.inverse();
+    let now = (0..unknowns).map(|i| 1.0 - covariance[(i, i)]).sum::<f64>();
+    // With rows R more, C becomes C − C Rᵀ (1 + R C Rᵀ)⁻¹ R C (Woodbury): as many rows as there are columns, fewer than unknowns.
+    let known = |rows: Mat<f64>| -> Option<f64> {
+        let product = |a: MatRef<'_, f64>, b: MatRef<'_, f64>| {
+            let mut product = Mat::zeros(a.nrows(), b.ncols());
+            matmul(product.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
+            product
+        };
+        let seen = product(rows.as_ref(), covariance.as_ref());
+        let mut noisy = product(seen.as_ref(), rows.transpose());
+        for i in 0..noisy.nrows() {
+            noisy[(i, i)] += 1.0;
         }
-        let covariance = precision.llt(Side::Lower).ok()?.inverse();
-        Some(
-            (0..covariance.nrows())
-                .map(|i| 1.0 - covariance[(i, i)])
-                .sum(),
-        )
+        let square = product(seen.as_ref(), seen.transpose());
+        let explained = noisy.llt(Side::Lower).ok()?.solve(&square);
+        let more: f64 = (0..explained.nrows()).map(|i| explained[(i, i)]).sum();
+        more.is_finite().then_some(now + more)
     };
     // A row for each sample of a further view: what it measures of each unknown, in its own standard deviation.
     let rows = |orbit: f64| {
@@ -242,12 +244,9 @@ pub fn lighting(
         }
         rows
     };
-    let Some(now) = known(None) else {
-        return Err(Error::failed("the information matrix cannot be inverted"));
-    };
     Ok(Advice {
         now,
-        view: best(|orbit| known(Some(rows(orbit)))),
+        view: best(|orbit| known(rows(orbit))),
         source: None,
     })
 }

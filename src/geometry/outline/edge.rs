@@ -179,27 +179,71 @@ struct Pixels {
     root: Vec<f64>,
 }
 
-/// Sums over some pixels with Huber's weights: of the weights, of weight times miss, of weight times squared miss, of
-/// the factors on the weights. For the processor's widest instructions.
-struct RobustSums<'a> {
+/// The normal equations of one step of [`locate`] without their prior, for the processor's widest instructions.
+struct Equations<'a> {
     pixels: &'a Pixels,
-    rows: Range<usize>,
-    expected: f64,
-    robust: bool,
+    /// Depth inside the predicted limb, and the pixels there.
+    depths: &'a [(f64, Range<usize>)],
+    edge: f64,
+    levels: [f64; 5],
+    slant: f64,
+    blur: &'a [([f64; 4], [f64; 4])],
+    iteration: usize,
 }
 
-impl pulp::NullaryFnOnce for RobustSums<'_> {
-    type Output = [f64; 4];
+/// What [`Equations`] add up to.
+struct EquationSums {
+    normal: [[f64; 6]; 6],
+    right: [f64; 6],
+    chi2: f64,
+    /// Number of pixels, each counted by Huber's factor on its weight.
+    used: f64,
+}
+
+impl pulp::NullaryFnOnce for Equations<'_> {
+    type Output = EquationSums;
 
     #[inline(always)]
-    fn call(self) -> [f64; 4] {
-        let Self {
-            pixels,
-            rows,
-            expected,
-            robust,
-        } = self;
+    fn call(self) -> EquationSums {
+        let mut sums = EquationSums {
+            normal: [[0.0; 6]; 6],
+            right: [0.0; 6],
+            chi2: 0.0,
+            used: 0.0,
+        };
+        for (depth, rows) in self.depths {
+            let (basis, turn) = blurred_pixel(depth - self.edge, self.slant, self.blur);
+            let (mut expected, mut slope) = (0.0, 0.0);
+            for j in 0..5 {
+                expected += basis[j] * self.levels[j];
+                slope += turn[j] * self.levels[j];
+            }
+            // The first pass has no levels yet: it solves for them alone, the edge held.
+            let slope = if self.iteration == 0 { 0.0 } else { slope };
+            let row = [slope, basis[0], basis[1], basis[2], basis[3], basis[4]];
+            let [weight, pull, squares, used] =
+                self.of_rows(rows.clone(), expected, self.iteration > 1);
+            sums.chi2 += squares;
+            sums.used += used;
+            for j in 0..6 {
+                let weighted = weight * row[j];
+                for (sum, a) in sums.normal[j].iter_mut().zip(row) {
+                    *sum += weighted * a;
+                }
+                sums.right[j] += row[j] * pull;
+            }
+        }
+        sums
+    }
+}
+
+impl Equations<'_> {
+    /// Sums over some pixels with Huber's weights: of the weights, of weight times miss, of weight times squared miss, of the factors on
+    /// the weights.
+    #[inline(always)]
+    fn of_rows(&self, rows: Range<usize>, expected: f64, robust: bool) -> [f64; 4] {
         const LANES: usize = 4;
+        let pixels = self.pixels;
         let [value, weight, root] = [&pixels.value, &pixels.weight, &pixels.root]
             .map(|list| list.get(rows.clone()).unwrap_or(&[]).as_chunks::<LANES>());
         let terms = |value: f64, weight: f64, root: f64| {
@@ -357,39 +401,22 @@ pub(super) fn locate(
     let mut contrast = 0.0;
     let mut chi2 = f64::INFINITY;
     for iteration in 0..12 {
-        let mut normal = SMatrix::<f64, 6, 6>::from_diagonal(&prior);
-        let mut right = SVector::<f64, 6>::zeros();
-        for j in 0..5 {
-            right[j + 1] = -prior[j + 1] * levels[j];
+        let sums = pulp::Arch::new().dispatch(Equations {
+            pixels: &pixels,
+            depths: &depths,
+            edge,
+            levels: std::array::from_fn(|j| levels[j]),
+            slant: strip.slant,
+            blur: &blur,
+            iteration,
+        });
+        let mut normal = SMatrix::<f64, 6, 6>::from_fn(|i, j| sums.normal[j][i]);
+        let mut right = SVector::<f64, 6>::from(sums.right);
+        for (j, prior) in prior.iter().enumerate() {
+            normal[(j, j)] += prior;
+            right[j] -= prior * j.checked_sub(1).map_or(0.0, |j| levels[j]);
         }
-        let mut chi = 0.0;
-        let mut total = 0.0;
-        for (depth, rows) in &depths {
-            let (basis, turn) = blurred_pixel(depth - edge, strip.slant, &blur);
-            let expected = basis.dot(&levels);
-            // The first pass has no levels yet: it solves for them alone, the edge held.
-            let d_edge = if iteration == 0 {
-                0.0
-            } else {
-                turn.dot(&levels)
-            };
-            let row =
-                SVector::<f64, 6>::new(d_edge, basis[0], basis[1], basis[2], basis[3], basis[4]);
-            let [weight, pull, squares, used] = pulp::Arch::new().dispatch(RobustSums {
-                pixels: &pixels,
-                rows: rows.clone(),
-                expected,
-                robust: iteration > 1,
-            });
-            chi += squares;
-            total += used;
-            for (j, &b) in row.iter().enumerate() {
-                for (i, &a) in row.iter().enumerate() {
-                    normal[(i, j)] += weight * b * a;
-                }
-            }
-            right += row * pull;
-        }
+        let [chi, total] = [sums.chi2, sums.used];
         if iteration == 0 {
             normal[(0, 0)] = 1.0;
         }
@@ -450,41 +477,33 @@ fn nodes(blur: f64) -> Vec<([f64; 4], [f64; 4])> {
         .collect()
 }
 
-/// [`pixel`] seen through a blur of such nodes.
-fn blurred_pixel(
-    depth: f64,
-    slant: f64,
-    blur: &[([f64; 4], [f64; 4])],
-) -> (SVector<f64, 5>, SVector<f64, 5>) {
+/// [`terms`] seen through a blur of such nodes.
+#[inline(always)]
+fn blurred_pixel(depth: f64, slant: f64, blur: &[([f64; 4], [f64; 4])]) -> ([f64; 5], [f64; 5]) {
     if blur.is_empty() {
-        return pixel(depth, slant);
+        return terms(depth, slant);
     }
     let reaches = |at: &f64| depth + at + 0.5 > 0.0;
     if !blur.iter().any(|(at, _)| at.iter().any(reaches)) {
-        return (
-            SVector::<f64, 5>::new(1.0, 0.0, 0.0, 0.0, 0.0),
-            SVector::zeros(),
-        );
+        return ([1.0, 0.0, 0.0, 0.0, 0.0], [0.0; 5]);
     }
-    let sums = pulp::Arch::new().dispatch(BlurredTerms { depth, slant, blur });
+    let sums = BlurredTerms { depth, slant, blur }.summed();
     (
-        SVector::from_fn(|j, _| sums[j]),
-        SVector::from_fn(|j, _| sums[5 + j]),
+        std::array::from_fn(|j| sums[j]),
+        std::array::from_fn(|j| sums[5 + j]),
     )
 }
 
-/// [`terms`] through a blur, for the processor's widest instructions.
+/// [`terms`] through a blur.
 struct BlurredTerms<'a> {
     depth: f64,
     slant: f64,
     blur: &'a [([f64; 4], [f64; 4])],
 }
 
-impl pulp::NullaryFnOnce for BlurredTerms<'_> {
-    type Output = [f64; 10];
-
+impl BlurredTerms<'_> {
     #[inline(always)]
-    fn call(self) -> [f64; 10] {
+    fn summed(self) -> [f64; 10] {
         let mut sums = [[0.0; 4]; 10];
         for (at, weight) in self.blur {
             for k in 0..4 {
@@ -501,11 +520,6 @@ impl pulp::NullaryFnOnce for BlurredTerms<'_> {
 
 /// Background and l₀ … l₃ averaged over a pixel whose centre lies `depth` inside the limb (along the
 /// row; `slant` turns that into depth across the limb), and their derivative by the limb's depth.
-fn pixel(depth: f64, slant: f64) -> (SVector<f64, 5>, SVector<f64, 5>) {
-    let (basis, turn) = terms(depth, slant);
-    (SVector::from(basis), SVector::from(turn))
-}
-
 #[inline(always)]
 fn terms(depth: f64, slant: f64) -> ([f64; 5], [f64; 5]) {
     let a = (depth - 0.5).max(0.0) * slant;

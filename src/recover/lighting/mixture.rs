@@ -178,13 +178,9 @@ impl<'a> Channel<'a> {
             .chain(&self.systematics)
             .collect();
         let size = n + extra.len();
-        let mut matrix = Mat::from_fn(size, size, |i, j| {
-            if i < n && j < n {
-                self.system.matrix[(i, j)]
-            } else {
-                0.0
-            }
-        });
+        let mut matrix = Mat::zeros(size, size);
+        let mut coefficients = matrix.as_mut().submatrix_mut(0, 0, n, n);
+        coefficients.copy_from(&self.system.matrix);
         let mut vector = self.system.vector.clone();
         for (s, response) in extra.iter().enumerate() {
             let systematic = s.checked_sub(sources.len());

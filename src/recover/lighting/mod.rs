@@ -13,6 +13,7 @@
 mod estimate;
 mod mixture;
 pub mod positivity;
+mod predict;
 mod prior;
 mod sources;
 mod without_negative;
@@ -24,11 +25,11 @@ use faer::Mat;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use crate::angle::{NormalAngle, WorldAngle, wrap};
+use crate::angle::wrap;
 use crate::brdf::{Brdf, Material, transfer_row};
 use crate::error::{Error, Result};
 use crate::fourier::{CircleTransform, Series};
-use crate::light_field::{Column, Samples, Systematic};
+use crate::light_field::{Samples, Systematic};
 use crate::recover::Status;
 use crate::recover::normal::{NormalSystem, position, to_series};
 
@@ -36,6 +37,7 @@ pub use estimate::{
     ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, SourceEstimate,
 };
 use mixture::{Channel, ChannelParts, Mixture};
+pub use predict::{predict, predict_all};
 use prior::Posterior;
 pub use prior::SpectralPrior;
 use sources::Lit;
@@ -519,71 +521,6 @@ fn constrained(posterior: &Posterior, order: usize, sources: usize) -> Result<Ve
         }
     });
     positivity::constrain(&posterior.mean, &posterior.covariance(), &constraints)
-}
-
-/// B that the estimate predicts for every sample that is not missing, \[channel\]\[column\]\[n\]; 0 for
-/// the others.
-pub fn predict(
-    estimate: &LightingEstimate,
-    material: &Material,
-    samples: &Samples,
-) -> Vec<Vec<Vec<f64>>> {
-    let predict_column = |c: usize, column: &Column| -> Vec<f64> {
-        let (channel, brdf) = (&estimate.channels[c], material.brdfs[c].as_ref());
-        let seen = |i: usize| column.variance[c][i].is_finite();
-        let n = column.alpha.len();
-        if !(0..n).any(seen) {
-            return vec![0.0; n];
-        }
-        let row = transfer_row(brdf, column.local, channel.smooth.order());
-        let reflected = Series {
-            coefficients: row
-                .iter()
-                .zip(&channel.smooth.coefficients)
-                .map(|(h, l)| h * l)
-                .collect(),
-        };
-        let on_circle = column
-            .regular()
-            .map(|n| CircleTransform::new(n, column.alpha[0]).synthesise(&reflected));
-        (0..n)
-            .map(|i| {
-                if !seen(i) {
-                    return 0.0;
-                }
-                let smooth = match &on_circle {
-                    Some(values) => values[i],
-                    None => reflected.evaluate(column.alpha[i]),
-                };
-                let sources: f64 = estimate
-                    .sources
-                    .iter()
-                    .zip(&channel.irradiance)
-                    .map(|(source, e)| {
-                        let normal = NormalAngle::radians(column.alpha[i]);
-                        let incident = WorldAngle::degrees(source.theta_deg) - normal;
-                        let cosine = incident.visible_cosine();
-                        if cosine > 0.0 {
-                            e * cosine * brdf.value(incident, column.local)
-                        } else {
-                            0.0
-                        }
-                    })
-                    .sum();
-                smooth + sources
-            })
-            .collect()
-    };
-    (0..estimate.channels.len())
-        .into_par_iter()
-        .map(|c| {
-            samples
-                .columns
-                .par_iter()
-                .map(|column| predict_column(c, column))
-                .collect()
-        })
-        .collect()
 }
 
 #[cfg(test)]

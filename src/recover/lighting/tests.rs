@@ -6,6 +6,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
+use crate::angle::WorldAngle;
 use crate::brdf::Phong;
 use crate::grid::Grid;
 use crate::lighting::{Lighting, Source};
