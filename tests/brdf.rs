@@ -511,6 +511,7 @@ fn goniometer(file: &Path) -> impl Fn(f64, f64) -> f64 + use<> {
 #[test]
 #[ignore = "needs a folder of lat-long environments in FLATLIGHT_ENVIRONMENTS"]
 fn measured_curves_under_photographed_environments() {
+    type Curve = Box<dyn Fn(f64, f64) -> f64>;
     let files = |variable: &str, extension: &str| -> Vec<std::path::PathBuf> {
         let Ok(folder) = std::env::var(variable) else {
             return Vec::new();
@@ -523,7 +524,7 @@ fn measured_curves_under_photographed_environments() {
         files.sort();
         files
     };
-    let mut curves: Vec<(String, Box<dyn Fn(f64, f64) -> f64>)> = vec![
+    let mut curves: Vec<(String, Curve)> = vec![
         ("paint".into(), Box::new(paint)),
         ("tape of 6°".into(), Box::new(tape)),
         ("tape of 3°".into(), Box::new(|a, b| bead_tape(a, b, 3.0))),
