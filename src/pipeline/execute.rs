@@ -165,10 +165,9 @@ impl Task<'_> {
         let on_grid = lighting::predict(&estimate, &material, &self.measured.field.samples());
         let on_samples = lighting::predict(&estimate, &material, samples);
         let mut recovered = self.residuals(&on_grid, &on_samples);
-        recovered
-            .fit
-            .iter_mut()
-            .for_each(fit::FitQuality::judge_lighting);
+        for (c, fit) in recovered.fit.iter_mut().enumerate() {
+            fit.judge_lighting(material::reflects_diffusely(&material, c));
+        }
         clock.lap("residual");
         if let Some(left) = unexplained(&recovered.fit) {
             let lamps: Vec<trial::Lamp> = estimate
@@ -182,6 +181,9 @@ impl Task<'_> {
                 Ok(mean_unexplained(&fit::quality(samples, &predicted)))
             };
             recovered.cause = trial::better(samples, &lamps, left, &again);
+            if recovered.cause.is_some() {
+                fit::doubt_others(&mut recovered.fit);
+            }
             clock.lap("cause");
         }
         (recovered.advice, recovered.warnings) = rayon::join(
@@ -234,6 +236,9 @@ impl Task<'_> {
                 Ok(mean_unexplained(&fit::quality(samples, &predicted)))
             };
             recovered.cause = trial::better(&first, &lamps, left, &again);
+            if recovered.cause.is_some() {
+                fit::doubt_others(&mut recovered.fit);
+            }
             clock.lap("cause");
         }
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
@@ -293,6 +298,9 @@ impl Task<'_> {
             fit.judge_balance(across, material::is_diffuse(&estimate, c));
         }
         fit::judge_together(&mut recovered.fit);
+        if unexplained(&recovered.fit).is_some() {
+            recovered.cause = trial::few_views(samples);
+        }
         clock.lap("residual");
         self.progress.step();
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);

@@ -22,8 +22,9 @@ const CENTRED: f64 = 0.05;
 /// Violation of a sign, in units of σ, that nobody needs to mend.
 const NEGLIGIBLE: f64 = 1e-6;
 
-/// Most rounds over all forces where exchanges and the descent went in circles.
+/// Most rounds over all forces where exchanges and the descent went in circles, and most multiplications of all of them: half a second.
 const SWEEPS: usize = 1000;
+const MOST_WORK: usize = 1_000_000_000;
 
 /// Draws by which the trace of the prior's share is estimated before there is a covariance. Each is a sum over about a thousand
 /// unknowns, so that 16 draws give it to (2/16000)^½ = 1 %.
@@ -357,7 +358,8 @@ impl<'a> Held<'a> {
     /// wanted, if slowly.
     fn sweep(&mut self) {
         let mut moved = moved(self.covariance, self.free, &self.force);
-        for _ in 0..SWEEPS {
+        let work = self.force.len() * self.force.len();
+        for _ in 0..SWEEPS.min(MOST_WORK / work.max(1)) {
             let mut farthest = 0.0f64;
             for i in 0..self.force.len() {
                 let before = self.force[i];
