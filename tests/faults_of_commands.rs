@@ -6,7 +6,7 @@ mod folder;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
@@ -435,6 +435,59 @@ fn two_commands_do_not_write_into_one_folder() {
             case.name
         );
         assert!(contents(&out) == sound.new, "{}", case.name);
+    }
+}
+
+/// Of commands that write single files several may be at work at once, each on a result of its own: what is there at any moment and in the end is
+/// one of the results, whole, and files that belong together are of the same one.
+#[test]
+fn commands_that_write_the_same_file_at_once_mix_nothing() {
+    for case in CASES
+        .iter()
+        .filter(|case| case.new.contains("^d.") || case.new.contains("^t."))
+    {
+        let sound = Sound::of(case);
+        for round in 0..6 {
+            let place = tempfile::tempdir().expect("a folder");
+            let out = sound.with_former(place.path());
+            let former = case.former.expect("the same with another result");
+            let mut at_work: Vec<Child> = (0..6)
+                .map(|k| match (k + round) % 2 {
+                    0 => sound.new_at(&out).spawn().expect("starts"),
+                    _ => command(former, PLACE.path(), &out).spawn().expect("starts"),
+                })
+                .collect();
+            let whole = |found: &BTreeMap<String, Vec<u8>>| {
+                found.iter().all(|(name, bytes)| {
+                    [&sound.former, &sound.new]
+                        .iter()
+                        .any(|run| run.get(name) == Some(bytes))
+                })
+            };
+            while at_work
+                .iter_mut()
+                .any(|c| c.try_wait().expect("ends").is_none())
+            {
+                let seen = contents(&out);
+                assert!(whole(&seen), "{}: half a file is seen", case.name);
+            }
+            let codes: Vec<i32> = at_work
+                .iter_mut()
+                .map(|c| c.wait().expect("ends").code().unwrap_or(-1))
+                .collect();
+            assert!(
+                codes.contains(&0) && codes.iter().all(|c| [0, 2].contains(c)),
+                "{}: {codes:?}",
+                case.name
+            );
+            let found = contents(&out);
+            assert!(
+                found == sound.former || found == sound.new,
+                "{}: of both results",
+                case.name
+            );
+            assert!(hidden(&out).is_empty(), "{}: {:?}", case.name, hidden(&out));
+        }
     }
 }
 

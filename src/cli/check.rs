@@ -3,14 +3,15 @@
 use std::path::Path;
 
 use flatlight::capture::{Capture, check};
-use flatlight::{Error, Result};
+use flatlight::{Error, Result, pipeline};
 
 use super::{Common, say};
 
-/// Reads the description and all headers; faults end it with an error that lists them all.
+/// Reads the description, all headers, and of every photo the pixels that a run needs; faults end it with an error that lists them all.
 pub fn run(path: &Path, common: &Common) -> Result<()> {
     let capture = Capture::read(path)?;
-    let findings = check(&capture);
+    let mut findings = check(&capture);
+    findings.faults.extend(pipeline::damaged(&capture)?);
     for warning in &findings.warnings {
         say::warning(common, warning);
     }

@@ -169,10 +169,9 @@ impl Task<'_> {
             return Err(Error::failed("the prediction is incomplete"));
         };
         let mut recovered = self.residuals(on_grid, on_samples);
-        recovered
-            .fit
-            .iter_mut()
-            .for_each(fit::FitQuality::judge_lighting);
+        for (c, fit) in recovered.fit.iter_mut().enumerate() {
+            fit.judge_lighting(material::reflects_diffusely(&material, c));
+        }
         clock.lap("residual");
         if let Some(left) = unexplained(&recovered.fit) {
             let lamps: Vec<trial::Lamp> = estimate
@@ -186,6 +185,9 @@ impl Task<'_> {
                 Ok(mean_unexplained(&fit::quality(samples, &predicted)))
             };
             recovered.cause = trial::better(samples, &lamps, left, &again);
+            if recovered.cause.is_some() {
+                fit::doubt_others(&mut recovered.fit);
+            }
             clock.lap("cause");
         }
         (recovered.advice, recovered.warnings) = rayon::join(
@@ -245,6 +247,9 @@ impl Task<'_> {
                 Ok(mean_unexplained(&fit::quality(samples, &predicted)))
             };
             recovered.cause = trial::better(&first, &lamps, left, &again);
+            if recovered.cause.is_some() {
+                fit::doubt_others(&mut recovered.fit);
+            }
             clock.lap("cause");
         }
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
@@ -304,6 +309,9 @@ impl Task<'_> {
             fit.judge_balance(across, material::is_diffuse(&estimate, c));
         }
         fit::judge_together(&mut recovered.fit);
+        if unexplained(&recovered.fit).is_some() {
+            recovered.cause = trial::few_views(samples);
+        }
         clock.lap("residual");
         self.progress.step();
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);

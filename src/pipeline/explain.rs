@@ -1,8 +1,8 @@
 //! What a run says in words: what is known, what is not, and what to distrust.
 
 use super::fit::{
-    ACROSS_DOUBTFUL, ACROSS_REFUSED, DOUBTFUL, REFUSED, STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED,
-    VIOLATION_DOUBTFUL, VIOLATION_REFUSED,
+    ACROSS_DOUBTFUL, ACROSS_REFUSED, DIFFUSE_DOUBTFUL, DOUBTFUL, REFUSED, STRUCTURE_DOUBTFUL,
+    STRUCTURE_REFUSED, VIOLATION_DOUBTFUL, VIOLATION_REFUSED,
 };
 use super::joint::ChannelGauge;
 use super::material::share;
@@ -49,12 +49,16 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
                     format!("No {result} is given as a measurement: every value is marked indeterminate."),
                 ),
             };
-            let [unexplained, violation, structure] = limits;
+            let [mut unexplained, violation, structure] = limits;
+            if fit.diffuse && fit.verdict == Verdict::Doubtful {
+                unexplained = DIFFUSE_DOUBTFUL;
+            }
             let mut found = Vec::new();
             if !(fit.unexplained <= unexplained) {
                 found.push(format!(
-                    "the best {result} leaves {:.1} % of the light field unexplained beyond the noise ({usual} {:.0} %)",
+                    "the best {result} leaves {:.1} % of the light field unexplained beyond the noise ({usual} {:.*} %)",
                     100.0 * fit.unexplained,
+                    usize::from(fit.diffuse),
                     100.0 * unexplained
                 ));
             }
@@ -83,9 +87,12 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
                 ));
             }
             if fit.beside {
-                found.push(
-                    "another channel, of the same views and lamps, is explained by no light in the plane".into(),
-                );
+                found.push(match recover {
+                    Recover::Both => {
+                        "another channel, of the same views and lamps, is explained by no light in the plane".into()
+                    }
+                    _ => "another channel, of the same photographs and lamps, is not explained".into(),
+                });
             }
             // A stated light that is wrong may look like texture, and what breaks reciprocity is the model's whatever the rest looks like.
             let broken = fit.violation.is_some_and(|broken| broken > violation);
@@ -201,7 +208,7 @@ pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
         }
         if channel.misfit > factorise::MISFIT {
             said.push(format!(
-                "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by that. Light from out of the plane, a texture, or too small a noise estimate would do this.",
+                "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by that. Light from out of the plane or from nearby, photographs that are not linear, a texture, an object that is not convex, or too small a noise estimate would do this.",
                 channel.misfit.sqrt()
             ));
         }

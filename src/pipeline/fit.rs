@@ -46,6 +46,9 @@ pub const DIFFUSE: f64 = 0.15;
 pub const STRUCTURE_DOUBTFUL: f64 = 0.003;
 /// As [`STRUCTURE_DOUBTFUL`].
 pub const STRUCTURE_REFUSED: f64 = 0.009;
+/// Unexplained share above which a lighting by a diffuse surface is doubtful: such a surface shows the light's frequencies so weakly that a texture of
+/// 5 % on it is taken for light that is wrong by 80 %, and leaves 0.014 to 0.02. Honest sets leave nothing.
+pub const DIFFUSE_DOUBTFUL: f64 = 0.006;
 /// Residual, relative to the largest radiance, that is taken for no noise if the photos show no limb, or more than one object.
 pub const NOISE_OR_NOTHING: f64 = 0.05;
 /// Frequencies of continuous light that are carried into a prediction: the lobes that photographs resolve pass no more.
@@ -71,6 +74,9 @@ pub struct FitQuality {
     /// Whether it is doubted for the sake of another channel alone, which shares its views and the places of its lights.
     #[serde(default)]
     pub beside: bool,
+    /// Whether a diffuse surface shows the light that is judged.
+    #[serde(default)]
+    pub diffuse: bool,
     /// What the residual looks like.
     #[serde(default)]
     pub causes: Causes,
@@ -109,6 +115,7 @@ pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality
                 violation: None,
                 across: None,
                 beside: false,
+                diffuse: false,
                 causes: causes(samples, &predicted[c], c),
                 verdict: verdict(unexplained, [DOUBTFUL, REFUSED]),
             }
@@ -143,8 +150,12 @@ impl FitQuality {
         }
     }
 
-    /// Judges a lighting, which takes up what is the model's own and nothing else.
-    pub fn judge_lighting(&mut self) {
+    /// Judges a lighting, which takes up what is the model's own and, by a `diffuse` surface, texture.
+    pub fn judge_lighting(&mut self, diffuse: bool) {
+        self.diffuse = diffuse;
+        if diffuse && self.unexplained > DIFFUSE_DOUBTFUL {
+            self.verdict = self.verdict.max(Verdict::Doubtful);
+        }
         let own = verdict(
             self.causes.structure,
             [STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED],
@@ -160,9 +171,13 @@ pub fn judge_together(fits: &mut [FitQuality]) {
         let violation = fit.violation.unwrap_or(0.0) > VIOLATION_REFUSED;
         fit.verdict == Verdict::Refused && (violation || fit.across > Some(ACROSS_REFUSED))
     };
-    if !fits.iter().any(broken) {
-        return;
+    if fits.iter().any(broken) {
+        doubt_others(fits);
     }
+}
+
+/// What is wrong with the photographs or the lamps is so in all channels.
+pub fn doubt_others(fits: &mut [FitQuality]) {
     for fit in fits {
         if fit.verdict == Verdict::Explained {
             fit.verdict = Verdict::Doubtful;

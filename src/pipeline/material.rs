@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::fit::DIFFUSE;
 use super::recipe::RecoveryOptions;
+use crate::angle::LocalAngle;
 use crate::brdf::fit::{BrdfModels, FitOptions, fit_table};
 use crate::brdf::{Axis, Brdf, Material, MeasuredSlice, SliceTable};
 use crate::error::{Error, Result};
@@ -14,6 +15,9 @@ use crate::recover::lighting;
 
 /// Highest frequency of the slice's spectrum that the recovery computes.
 const MOST_ORDER: usize = 90;
+
+/// Directions on the half circle at which a known material is looked at.
+const SAMPLED: usize = 36;
 
 /// The recipe's `[recovery]` for a BRDF.
 ///
@@ -70,6 +74,30 @@ pub fn is_diffuse(estimate: &BrdfEstimate, channel: usize) -> bool {
     let mean = sum / weight;
     let scatter = square / weight - mean * mean;
     weight > 0.0 && scatter <= (DIFFUSE * mean).powi(2)
+}
+
+/// The same of a known material.
+pub fn reflects_diffusely(material: &Material, channel: usize) -> bool {
+    let Some(brdf) = material.brdfs.get(channel) else {
+        return false;
+    };
+    let angle = |k: usize| {
+        LocalAngle::radians(((k as f64 + 0.5) / SAMPLED as f64 - 0.5) * std::f64::consts::PI)
+    };
+    let (mut weight, mut sum, mut square) = (0.0, 0.0, 0.0);
+    for i in (0..SAMPLED).map(angle) {
+        if brdf.mirror(i) != 0.0 {
+            return false;
+        }
+        for j in (0..SAMPLED).map(angle) {
+            let (rho, w) = (brdf.value(i, j), i.visible_cosine() * j.visible_cosine());
+            weight += w;
+            sum += w * rho;
+            square += w * rho * rho;
+        }
+    }
+    let mean = sum / weight;
+    square / weight - mean * mean <= (DIFFUSE * mean).powi(2)
 }
 
 /// The content of `brdf.csv`: ρ and σ, NaN where the slice is indeterminate. `stride` takes every such cell, in the

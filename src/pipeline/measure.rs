@@ -32,7 +32,7 @@ const OUTLINE_RADIUS_PX: f64 = 430.0;
 /// 1e-4 of its value, and neither geometry nor a BRDF are known better.
 const ENOUGH_PIXELS: f64 = 2100.0;
 /// Distances from the cross-section that are tried for the averaging of rows, pixels.
-const REACHES: [f64; 12] = [
+pub(super) const REACHES: [f64; 12] = [
     2.0, 3.0, 4.5, 6.5, 9.5, 14.0, 20.0, 30.0, 45.0, 65.0, 95.0, 140.0,
 ];
 /// Largest elevation out of the plane that is averaged: of the view direction on a cylinder, of the
@@ -687,7 +687,7 @@ fn agree(wider: &MeasuredLine, narrower: &MeasuredLine, geometry: &ViewGeometry)
 }
 
 /// Largest distance from the cross-section (pixels) that may be averaged into samples of `locals` columns.
-fn reach_limit(capture: &Capture, camera: &CameraModel, locals: usize) -> f64 {
+pub(super) fn reach_limit(capture: &Capture, camera: &CameraModel, locals: usize) -> f64 {
     let object_px = capture.object.radius / camera.metres_per_px();
     let across = object_px * std::f64::consts::PI / locals.max(1) as f64;
     let enough = ENOUGH_PIXELS / (2.0 * across);

@@ -10,6 +10,9 @@ use crate::files;
 use crate::lighting::LightingDescription;
 use crate::recover::lighting::Regularisation;
 
+/// θo′ bins unless a recipe says otherwise.
+pub(super) const LOCALS: usize = 180;
+
 /// A recipe with every default filled in.
 #[derive(Clone, Debug)]
 pub struct Recipe {
@@ -297,7 +300,7 @@ fn light_field(section: &Section<'_>) -> LightFieldOptions {
     };
     let options = LightFieldOptions {
         normals: bins("normals", 720),
-        locals: bins("locals", 180),
+        locals: bins("locals", LOCALS),
         limb_cut_deg: unless_word(section, "limb_cut_deg", &["auto"]).and_then(|_| {
             section.number_where("limb_cut_deg", "\"auto\" or degrees from 10 to 90", |x| {
                 (10.0..=90.0).contains(&x)

@@ -5,6 +5,7 @@ use crate::angle::wrap;
 use crate::error::Result;
 use crate::light_field::Samples;
 use crate::lighting::{Lighting, Source};
+use crate::recover::factorise;
 
 /// Exponents to which photographs are taken: those of a gamma of 2.2 left in or taken out once too often, and of curves a little bent.
 const EXPONENTS: [f64; 6] = [2.2, 1.0 / 2.2, 1.5, 0.67, 1.25, 0.8];
@@ -18,6 +19,12 @@ pub const SIZE: usize = 60;
 pub const INTERVALS: usize = 24;
 /// Part of the residual that may be left for a cause to be named.
 pub const EXPLAINED: f64 = 0.5;
+
+/// Largest resolved frequency up to which views may be too few, and part of the light field in the highest quarter of the resolved frequencies
+/// from which they are.
+const FEW: usize = 24;
+/// As [`FEW`].
+const FOLDS: f64 = 0.03;
 
 /// A lamp at a direction, radians, and how bright it is.
 pub type Lamp = (f64, f64);
@@ -70,6 +77,32 @@ pub fn better(
         );
     }
     best.map(|(_, what)| what)
+}
+
+/// Says that the views are too few for the detail of the light field, if it is so: where its highest frequencies that they resolve are still strong,
+/// those above them are there too and pass for others.
+pub fn few_views(samples: &Samples) -> Option<String> {
+    let (mut highest, mut all, mut resolved) = (0.0, 0.0, 0);
+    for c in 0..samples.channels.len() {
+        for series in factorise::spectra(samples, c).into_iter().flatten() {
+            let order = series.order();
+            resolved = resolved.max(order);
+            for p in 0..=order {
+                let power = series.get(p as i64).norm_sqr() * if p == 0 { 1.0 } else { 2.0 };
+                all += power;
+                if 4 * p > 3 * order {
+                    highest += power;
+                }
+            }
+        }
+    }
+    let share = (highest / f64::max(all, f64::MIN_POSITIVE)).sqrt();
+    (resolved <= FEW && share > FOLDS).then(|| {
+        format!(
+            "the views are too few: they resolve frequencies up to p = {resolved}, and {:.0} % of the light field is in the highest quarter of these, so that there is more beyond which passes for others",
+            100.0 * share
+        )
+    })
 }
 
 /// The samples on another curve, of parts of the largest value of each channel, which stays. Their variances stay too: what a curve does to
@@ -228,6 +261,29 @@ mod tests {
             better(&samples, &[lamp], test(&samples).unwrap(), &test),
             None
         );
+    }
+
+    #[test]
+    fn views_that_are_too_few_for_a_sharp_light_field_are_said_to_be() {
+        let every = |step: usize, samples: &Samples| {
+            let mut few = samples.clone();
+            for column in &mut few.columns {
+                let keep = |values: &mut Vec<f64>| {
+                    *values = values.iter().copied().step_by(step).collect()
+                };
+                keep(&mut column.alpha);
+                keep(&mut column.value[0]);
+                keep(&mut column.variance[0]);
+                column.view = (0..column.alpha.len() as u32).collect();
+            }
+            few
+        };
+        // exp(−9/16) of the mean is at the last of 3 frequencies, and of a half cosine 1/195 at the 14th of 17.
+        let sharp = lit(&[(0.6, 1.0)], None, 8.0);
+        let smooth = lit(&[(0.6, 1.0)], None, 1.0);
+        assert!(few_views(&every(45, &sharp)).is_some());
+        assert_eq!(few_views(&every(10, &smooth)), None);
+        assert_eq!(few_views(&sharp), None);
     }
 
     #[test]

@@ -52,6 +52,23 @@ fn damaged_photos() -> Vec<Case> {
                 .asks(Ask::Strict),
             );
         }
+        // What the headers do not show is found by a check too, all of it at once.
+        cases.push(
+            Case::new(
+                format!("two {format:?}s cut in half and a frame, checked"),
+                move |b| {
+                    for view in [3, 7] {
+                        b.spoil(&b.photo(view), &|bytes| bytes.truncate(bytes.len() / 2));
+                    }
+                    let path = frame(b, "dark", format);
+                    b.spoil(&path, &|bytes| bytes.truncate(bytes.len() / 2));
+                },
+                &["view 3", "view 7", &format!("frame.{}", format.ending())],
+            )
+            .of(format)
+            .asks(Ask::Check)
+            .without(&["view 0", "view 4"]),
+        );
         cases.push(
             Case::new(
                 format!("all {format:?}s cut in half"),
@@ -99,6 +116,20 @@ fn damaged_photos() -> Vec<Case> {
             )
             .of(format)
             .asks(Ask::Strict),
+        );
+        cases.push(
+            Case::new(
+                format!("a {format:?} with bytes changed inside, checked"),
+                |b| {
+                    b.spoil(&b.photo(3), &|bytes| {
+                        let middle = bytes.len() / 2;
+                        bytes[middle..middle + 40].fill(0xff);
+                    });
+                },
+                &["view 3", "damaged"],
+            )
+            .of(format)
+            .asks(Ask::Check),
         );
     }
     cases.push(

@@ -1,6 +1,7 @@
 //! The factorisation again, without what unresolved frequencies of sources fold onto those that are fitted.
 
 use super::Options;
+use super::absent;
 use super::columns::{self, Spectrum};
 use super::folded::{self, Surface};
 use super::half_circle::HalfCircle;
@@ -15,6 +16,8 @@ use crate::light_field::Samples;
 const UNFOLDINGS: usize = 4;
 /// Share of the folded amplitude that is always taken to be left.
 const LEFT: f64 = 0.1;
+/// χ² by which sources may fit the frequencies beyond the band worse than no light there: five standard deviations.
+const CONTRADICTS: f64 = 25.0;
 /// Change of what is folded, relative to it, at which no further round is needed.
 const UNFOLDED: f64 = 0.02;
 
@@ -46,7 +49,9 @@ pub(super) fn unfold(
         else {
             break;
         };
-        if before.is_some_and(|b| b.change(&sources, 2 * resolved) < UNFOLDED) {
+        if before.is_some_and(|b| b.change(&sources, 2 * resolved) < UNFOLDED)
+            || contradicted(&sources, from, folded, resolved, half)
+        {
             break;
         }
         let surface = Surface::fit(&from.whitened, half, &from.refined)?;
@@ -74,6 +79,28 @@ pub(super) fn unfold(
         }
     }
     Ok(best)
+}
+
+/// Whether the light beyond the band, as far as the light field shows that it would, is not that of the sources: frequencies of a smooth light can
+/// be those of as many sources too, but only sources go on.
+fn contradicted(
+    sources: &Sources,
+    settled: &Settled,
+    spectrum: &Spectrum,
+    resolved: usize,
+    half: &HalfCircle,
+) -> bool {
+    // Farther up what folds is no longer small beside what is there: (p / (n − p))² is a quarter.
+    let beyond = settled.spectrum.order + 1..=spectrum.order.min(2 * resolved / 3);
+    let worse: f64 = beyond
+        .filter_map(|p| {
+            let (refined, whitened) = (&settled.refined, &settled.whitened);
+            let (light, variance) = absent::lighting(p, refined, whitened, spectrum, half, &[])?;
+            let misses = (light - sources.coefficient(p)).norm_sqr();
+            Some((misses - light.norm_sqr()) / variance)
+        })
+        .sum();
+    worse > CONTRADICTS
 }
 
 /// Mean square of the constraints among `frequencies` in units of the noise alone.
