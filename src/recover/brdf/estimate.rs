@@ -33,6 +33,9 @@ pub struct Slice {
     /// Posterior standard deviation; includes what smoothing may have taken away.
     #[serde(skip)]
     pub sigma: Vec<f64>,
+    /// The part of σ that is what even the finest splines miss, in quadrature: an error of the splines' own, whatever the noise.
+    #[serde(skip)]
+    pub unresolved: Vec<f64>,
     /// Cramér–Rao bound of the problem without smoothness prior, at the resolution of the splines; very large where the samples
     /// alone do not determine the value.
     #[serde(skip)]
