@@ -211,14 +211,6 @@ pub fn at_angles(
     let outlines: Vec<Outline> = read.iter().map(|v| v.outline.clone()).collect();
     let settled = settle(&outlines, capture)?;
     let poses = &settled.poses;
-    let limb_cut = match options.limb_cut_deg {
-        Some(degrees) => degrees.to_radians(),
-        None => {
-            let roll = capture.views[0].plane_roll;
-            let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
-            automatic_limb_cut(&nominal, footprint)
-        }
-    };
     let cells = Grid {
         normals: options.normals,
         locals: options.locals,
@@ -229,6 +221,16 @@ pub fn at_angles(
         .zip(&capture.views)
         .map(|(pose, view)| ViewGeometry::new(camera, &capture.object, *pose, view.plane_roll))
         .collect();
+    let limb_cut = match options.limb_cut_deg {
+        Some(degrees) => degrees.to_radians(),
+        None => {
+            let roll = capture.views[0].plane_roll;
+            let nominal = ViewGeometry::new(camera, &capture.object, Pose::nominal(), roll);
+            let seen = read.iter().zip(&geometries);
+            seen.map(|(read, geometry)| read.line.seen_up_to(half_width(geometry)))
+                .fold(automatic_limb_cut(&nominal, footprint), f64::min)
+        }
+    };
     let slants = match capture.object.shape {
         Shape::Cylinder if lean::shows(&settled) => read_slants(capture, camera, reach, read)?,
         _ => Vec::new(),
