@@ -102,6 +102,9 @@ impl BrdfEstimate {
     }
 }
 
+/// Share of a slice that is indeterminate beyond which no place is named where it is so.
+const NEARLY_ALL: f64 = 0.95;
+
 /// Sentences on the parts of `slice` that are not known.
 pub fn gaps(name: &str, size: usize, slice: &Slice) -> Vec<String> {
     let mut out = Vec::new();
@@ -162,7 +165,7 @@ pub fn gaps(name: &str, size: usize, slice: &Slice) -> Vec<String> {
     out.push(format!(
         "{name}: {:.0} % of the BRDF slice is indeterminate and left empty{}.",
         100.0 * missing as f64 / total,
-        if bands.is_empty() {
+        if bands.is_empty() || missing as f64 > NEARLY_ALL * total {
             String::new()
         } else {
             format!(
