@@ -11,7 +11,7 @@ use super::material::share;
 use super::measure::Measured;
 use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Verdict};
-use crate::light_field::Samples;
+use crate::light_field::{Column, Samples};
 use crate::recover::Status;
 use crate::recover::brdf::BrdfEstimate;
 use crate::recover::factorise::{self, Factorisation};
@@ -19,6 +19,8 @@ use crate::recover::lighting::LightingEstimate;
 
 /// A gap between neighbouring views, radians, beyond which it is why no frequency of a light field shows.
 const WIDE_GAP: f64 = FRAC_PI_2;
+/// Change with the normal, relative to the mean, that a light field has where a light that is not uniform shows.
+const CHANGE: f64 = 0.05;
 
 /// What a fit that does not explain the photographs means for its result.
 pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered) -> Vec<String> {
@@ -105,7 +107,12 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
             }
             // A stated light that is wrong may look like texture, and what breaks reciprocity is the model's whatever the rest looks like.
             let broken = fit.violation.is_some_and(|broken| broken > violation);
-            let model_first = broken || recover == Recover::Brdf || across.is_some() || fit.beside;
+            let model_first = broken
+                || recover == Recover::Brdf
+                || across.is_some()
+                || fit.beside
+                // What a search without an end leaves is no residual.
+                || fit.unsettled;
             let model = match across {
                 Some(_) => OUT_OF_PLANE,
                 None => model.as_str(),
@@ -205,10 +212,14 @@ pub fn grouped(sentences: Vec<String>) -> Vec<String> {
         .collect()
 }
 
-/// The widest gap between neighbouring normals, radians, in the column that has the most.
+/// The column with the most normals.
+fn fullest(samples: &Samples) -> Option<&Column> {
+    samples.columns.iter().max_by_key(|c| c.alpha.len())
+}
+
+/// The widest gap between neighbouring normals in the fullest column, radians.
 fn widest_gap(samples: &Samples) -> f64 {
-    let fullest = samples.columns.iter().max_by_key(|c| c.alpha.len());
-    let mut alpha = fullest.map_or(Vec::new(), |c| c.alpha.clone());
+    let mut alpha = fullest(samples).map_or(Vec::new(), |c| c.alpha.clone());
     alpha.sort_by(f64::total_cmp);
     let around = match (alpha.first(), alpha.last()) {
         (Some(first), Some(last)) => first + TAU - last,
@@ -220,13 +231,30 @@ fn widest_gap(samples: &Samples) -> f64 {
         .fold(around, f64::max)
 }
 
+/// Standard deviation over the normals of the fullest column, relative to their mean.
+fn change_with_normal(samples: &Samples, channel: usize) -> f64 {
+    let column = fullest(samples);
+    let planes = column.and_then(|c| Some((c.value.get(channel)?, c.variance.get(channel)?)));
+    let Some((values, variances)) = planes else {
+        return 0.0;
+    };
+    let seen = values.iter().zip(variances).filter(|(_, v)| v.is_finite());
+    let (n, sum, square) = seen.fold((0.0, 0.0, 0.0), |(n, sum, square), (b, _)| {
+        (n + 1.0, sum + b, square + b * b)
+    });
+    let mean: f64 = sum / n;
+    let variance: f64 = square / n - mean * mean;
+    variance.max(0.0).sqrt() / mean.abs()
+}
+
 /// What makes a factorisation doubtful; what it leaves open by nature is a finding.
 pub fn factorisation_warnings(found: &Factorisation, samples: &Samples) -> Vec<String> {
     let gap = widest_gap(samples);
     let mut said = Vec::new();
-    for channel in &found.channels {
+    for (c, channel) in found.channels.iter().enumerate() {
         let name = &channel.name;
-        if channel.visible_band == 0 && gap > WIDE_GAP {
+        let hidden = gap > WIDE_GAP && change_with_normal(samples, c) > CHANGE;
+        if channel.visible_band == 0 && hidden {
             said.push(format!(
                 "Channel {name}: {:.0}° of the circle have no views, and what the light field does there may be anything: no frequency of it can be told. Light and BRDF together need views all round; one of them alone, with the other known, does not.",
                 gap.to_degrees()
@@ -363,7 +391,6 @@ fn about_gauge(gauge: &ChannelGauge, recipe: &Recipe) -> Vec<String> {
 mod tests {
     use super::*;
     use crate::angle::LocalAngle;
-    use crate::light_field::Column;
 
     #[test]
     fn channels_that_share_a_sentence_share_it() {
