@@ -169,6 +169,23 @@ fn what_does_not_explain_the_photographs_is_told() {
     }
 }
 
+/// Half a circle of views: the other half of the light field may be anything, and uniform light is not what hides its frequencies.
+#[test]
+fn views_over_half_of_the_circle_are_not_enough_for_both() {
+    let run = run("ggx02-two-suns", 36, "");
+    let told = |what: &str| run.warnings.iter().any(|w| w.contains(what));
+    assert!(
+        told("185° of the circle have no views"),
+        "{:?}",
+        run.warnings
+    );
+    assert!(
+        !told("does not change with the normal"),
+        "{:?}",
+        run.warnings
+    );
+}
+
 /// Uniform light tells of the light its mean and of the BRDF its mean over incidence (eq. 28), all around and from a third of the
 /// circle: every frequency beyond is named as open, and no value of the BRDF is called known.
 #[test]

@@ -2,14 +2,16 @@
 //! any call and at random moments, two runs want one folder. Afterwards the folder holds complete files of the former or the
 //! new run only, and the next run ends as if nothing had been.
 
+mod ended;
 mod folder;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
+use ended::{calls, code, one_worked, said};
 use folder::{contents, hidden};
 use rayon::prelude::*;
 use tempfile::TempDir;
@@ -92,14 +94,6 @@ fn shown(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-fn code(output: &Output) -> i32 {
-    output.status.code().unwrap_or(-1)
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 /// Every file is the former run's or the new one's, whole.
 fn is_of_either(found: &BTreeMap<String, Vec<u8>>) -> Result<(), String> {
     for (name, bytes) in found {
@@ -171,35 +165,16 @@ fn disturbed(fail: &str) -> Result<(), String> {
     aftermath(&out)
 }
 
-/// How many calls on the file system a run makes: the first number whose call does not come.
-fn calls() -> usize {
-    let comes = |n: usize| {
+/// Every `stride`-th call fails, alone, with all after it, and as a power loss.
+fn all_calls(stride: usize) {
+    let calls = calls("a run", |n| {
         let place = tempfile::tempdir().expect("a folder");
         let out = with_former(place.path());
         let output = new_run(&out)
             .env("FLATLIGHT_FAIL_CALL", format!("{n}!"))
             .output();
         code(&output.expect("starts")) != 0
-    };
-    let (mut low, mut high) = (1, 4096);
-    assert!(
-        comes(low) && !comes(high),
-        "a run makes fewer than {high} calls"
-    );
-    while high - low > 1 {
-        let middle = (low + high) / 2;
-        if comes(middle) {
-            low = middle
-        } else {
-            high = middle
-        }
-    }
-    low
-}
-
-/// Every `stride`-th call fails, alone, with all after it, and as a power loss.
-fn all_calls(stride: usize) {
-    let calls = calls();
+    });
     let asked: Vec<String> = (1..=calls)
         .step_by(stride)
         .flat_map(|n| ["", "+", "!"].map(|how| format!("{n}{how}")))
@@ -291,14 +266,7 @@ fn two_runs_into_one_folder_are_not_mixed() {
         new_run(&out).spawn().expect("starts"),
         new_run(&out).spawn().expect("starts"),
     ];
-    let codes: Vec<i32> = pair
-        .iter_mut()
-        .map(|c| c.wait().expect("ends").code().unwrap_or(-1))
-        .collect();
-    assert!(
-        codes.contains(&0) && codes.iter().all(|c| [0, 2].contains(c)),
-        "{codes:?}"
-    );
+    one_worked(&mut pair, "run");
     assert!(contents(&out) == SOUND.new);
 }
 

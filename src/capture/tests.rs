@@ -62,6 +62,9 @@ fn every_key_is_understood_and_survives_a_round_trip() {
     assert_eq!(first.outline.unwrap().radius_px, 401.3);
     assert_eq!(capture.views[1].mask.as_deref(), Some(Path::new("v/a.png")));
 
+    // 30° in radians and back is 29.999999999999996.
+    assert!(capture.to_toml().contains("plane_roll_deg = 30.0\n"));
+
     let again = parse(&capture.to_toml()).unwrap();
     assert_eq!(again.to_toml(), capture.to_toml());
     assert_eq!(again.camera, capture.camera);

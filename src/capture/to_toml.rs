@@ -89,8 +89,22 @@ fn write_sensor(sensor: &Sensor, out: &mut String) -> std::fmt::Result {
     Ok(())
 }
 
+/// An angle in degrees as somebody would write it: 30, not 29.999999999999996, where that is the same number of radians.
+fn degrees(radians: f64) -> f64 {
+    let exact = radians.to_degrees();
+    let short = (exact * 1e9).round() / 1e9;
+    match short.to_radians() == radians {
+        true => short,
+        false => exact,
+    }
+}
+
 fn write_view(view: &View, out: &mut String) -> std::fmt::Result {
-    writeln!(out, "\n[[view]]\norbit_deg = {:?}", view.orbit.deg())?;
+    writeln!(
+        out,
+        "\n[[view]]\norbit_deg = {:?}",
+        degrees(view.orbit.rad())
+    )?;
     writeln!(out, "photos = [")?;
     for photo in &view.photos {
         write!(out, "    {{ file = {}", path(&photo.file))?;
@@ -100,7 +114,7 @@ fn write_view(view: &View, out: &mut String) -> std::fmt::Result {
         writeln!(out, " }},")?;
     }
     writeln!(out, "]")?;
-    writeln!(out, "plane_roll_deg = {:?}", view.plane_roll.to_degrees())?;
+    writeln!(out, "plane_roll_deg = {:?}", degrees(view.plane_roll))?;
     if let Some(mask) = &view.mask {
         writeln!(out, "mask = {}", path(mask))?;
     }

@@ -20,6 +20,8 @@ pub struct Scene {
     pub object: Object,
     /// Direction (world, radians) and irradiance of each sun.
     pub suns: Vec<(f64, f64)>,
+    /// Roll of the plane in which they stand about the optical axis, radians.
+    pub roll: f64,
     /// Radiance of a diffuse surface under the fill.
     pub fill: f64,
     pub exponent: i32,
@@ -49,6 +51,7 @@ impl Scene {
                 mask: None,
             },
             suns: vec![(0.65, 3.0), (-1.83, 1.3)],
+            roll: 0.0,
             fill: 0.05,
             exponent: 32,
             metal: None,
@@ -89,7 +92,9 @@ impl Scene {
         let n = f64::from(self.exponent);
         let mut sum = self.fill;
         for (theta, irradiance) in &self.suns {
-            let light = Vector3::new((theta - orbit).cos(), (theta - orbit).sin(), 0.0);
+            let (across, towards) = (theta - orbit).sin_cos();
+            let (up, right) = self.roll.sin_cos();
+            let light = Vector3::new(towards, across * right, across * up);
             let cosine = normal.dot(&light);
             if cosine > 0.0 {
                 let reflected = match self.metal {

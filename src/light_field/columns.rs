@@ -18,7 +18,7 @@ const LEAST_COVERED: f64 = 0.7;
 pub struct Footprint {
     /// θo′ at the two ends of the pixel, radians, in increasing order.
     pub ends: [f64; 2],
-    /// θo′ at the three nodes of Gauss's rule over the pixel.
+    /// θo′ at the three nodes of Gauss's rule over what the station averages: the pixel, or somewhat more.
     pub nodes: [f64; 3],
 }
 

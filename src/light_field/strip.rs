@@ -48,6 +48,8 @@ impl Stations {
 const POOL: usize = 12;
 /// Variance of a position within a pixel of width 1.
 pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
+/// Variance of the places along the line by which [`along_line`] weights pixels: that of a hat one pixel to each side.
+pub(super) const HAT_VARIANCE: f64 = 1.0 / 6.0;
 
 /// Sums over the rows of one station and channel.
 #[derive(Clone, Copy, Default)]
@@ -313,11 +315,16 @@ fn leave_dust_out(
     }
 }
 
+/// How far (pixels) along the line a station of [`along_line`] has parts of pixels.
+pub(super) fn along_line_reach(tangent: [f64; 2]) -> f64 {
+    1.0 + 0.5 * (tangent[0].abs() + tangent[1].abs())
+}
+
 /// Stations at the given image positions for a line in any direction: pixels are gathered in a frame
 /// along (`tangent`, a unit vector) and across the line.
 ///
 /// Along the line a pixel counts for the two nearest stations in proportion (a hat one pixel to each
-/// side); that halves the noise and ties neighbours together, for which the variance is enlarged by 3/2, the
+/// side, so that a station averages more than its pixel: [`HAT_VARIANCE`]); that halves the noise and ties neighbours together, for which the variance is enlarged by 3/2, the
 /// ratio of (Σ w)² to Σ w² summed over stations.
 pub fn along_line(
     radiance: &Radiance,

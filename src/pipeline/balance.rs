@@ -11,7 +11,9 @@
 
 use rayon::prelude::*;
 
-use super::measure::{Measured, photographed, rows_needed, spread};
+use super::measure::Measured;
+use super::photographed::{photographed, spread};
+use super::rows::rows_needed;
 use crate::capture::Shape;
 use crate::error::Result;
 use crate::geometry::{CameraModel, Pose, ViewGeometry};

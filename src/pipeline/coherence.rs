@@ -77,18 +77,29 @@ pub fn factors(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<f64> {
         .collect()
 }
 
-/// Multiplies the variances of a slice. What is then known no better than to half of what the slice is on the whole was only
-/// thought to be known.
+/// What a slice is on the whole: the rms of what is determined, or where nothing is (under a smooth light, which sees averages over the slice only) of
+/// what prior and samples say together.
+fn size(slice: &Slice) -> f64 {
+    let mean_square = |among: &dyn Fn(Status) -> bool| {
+        let values = slice.reciprocal.iter().zip(&slice.status);
+        let squares = values.filter(|(_, s)| among(**s)).map(|(v, _)| v * v);
+        let (n, sum) = squares.fold((0.0, 0.0), |(n, sum), square| (n + 1.0, sum + square));
+        (n > 0.0).then(|| sum / n)
+    };
+    mean_square(&|s| s == Status::Determined)
+        .or_else(|| mean_square(&|s| s != Status::Indeterminate))
+        .map_or(0.0, f64::sqrt)
+}
+
+/// Multiplies the variances of a slice, but for what its splines miss: that was judged from residuals of whole lobes already. What is then known no
+/// better than to half of what the slice is on the whole was only thought to be known.
 pub fn widen(slice: &mut Slice, factor: f64) {
     let times = factor.max(1.0).sqrt();
-    let known = |status: &Status| *status == Status::Determined;
-    let seen = slice.reciprocal.iter().zip(&slice.status);
-    let (sum, n) = seen
-        .filter(|(_, status)| known(status))
-        .fold((0.0, 0.0), |(sum, n), (v, _)| (sum + v * v, n + 1.0));
-    let size = (sum / f64::max(n, 1.0)).sqrt();
-    for (sigma, status) in slice.sigma.iter_mut().zip(&mut slice.status) {
-        *sigma *= times;
+    let size = size(slice);
+    let parts = slice.sigma.iter_mut().zip(&slice.unresolved);
+    for ((sigma, unresolved), status) in parts.zip(&mut slice.status) {
+        let noise = (*sigma * *sigma - unresolved * unresolved).max(0.0).sqrt();
+        *sigma = (noise * times).hypot(*unresolved);
         if *sigma > 0.5 * size {
             *status = Status::Indeterminate;
         }
@@ -159,13 +170,14 @@ mod tests {
         assert!(factor(50.0, wave) < 2.0);
     }
 
-    #[test]
-    fn what_is_known_too_badly_is_no_longer_known() {
-        let mut slice = Slice {
+    /// Three cells of 1 with these σ.
+    fn slice(sigma: [f64; 3], status: [Status; 3]) -> Slice {
+        Slice {
             reciprocal: vec![1.0; 3],
-            sigma: vec![0.01, 0.1, 0.2],
+            sigma: sigma.to_vec(),
+            unresolved: vec![0.0; 3],
             bound: vec![0.01; 3],
-            status: vec![Status::Determined, Status::Weak, Status::Determined],
+            status: status.to_vec(),
             spectrum: Vec::new(),
             chi_square: 10.0,
             samples: 1,
@@ -179,10 +191,35 @@ mod tests {
             curve: Vec::new(),
             resolution: 0.1,
             held: 0,
-        };
+        }
+    }
+
+    #[test]
+    fn what_is_known_too_badly_is_no_longer_known() {
+        let (known, weak, open) = (Status::Determined, Status::Weak, Status::Indeterminate);
+        let mut slice = slice([0.01, 0.1, 0.2], [known, weak, known]);
         widen(&mut slice, 9.0);
         assert!((slice.sigma[1] - 0.3).abs() < 1e-12);
-        let expected = [Status::Determined, Status::Weak, Status::Indeterminate];
-        assert_eq!(slice.status, expected);
+        assert_eq!(slice.status, [known, weak, open]);
+    }
+
+    #[test]
+    fn what_prior_and_samples_say_together_is_held_against_its_own_size() {
+        let (weak, open) = (Status::Weak, Status::Indeterminate);
+        let mut slice = slice([0.01, 0.2, 0.01], [weak, weak, open]);
+        widen(&mut slice, 9.0);
+        assert_eq!(slice.status, [weak, open, open]);
+    }
+
+    #[test]
+    fn what_splines_miss_is_counted_once() {
+        let mut slice = slice([0.05, 0.03, 0.04], [Status::Determined; 3]);
+        slice.unresolved = vec![0.04, 0.0, 0.04];
+        widen(&mut slice, 9.0);
+        // Of 0.05 the noise is 0.03, and three times that 0.09.
+        let expected = [0.09f64.hypot(0.04), 0.09, 0.04];
+        for (found, expected) in slice.sigma.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+        }
     }
 }

@@ -303,6 +303,7 @@ impl Task<'_> {
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         for (fit, channel) in recovered.fit.iter_mut().zip(&found.channels) {
             fit.judge_reciprocity(channel.violation);
+            fit.judge_search(channel.converged);
         }
         let across = balance::out_of_plane(self.measured)?;
         for (c, (fit, across)) in recovered.fit.iter_mut().zip(across).enumerate() {
@@ -316,7 +317,7 @@ impl Task<'_> {
         self.progress.step();
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
         clock.lap("advice");
-        recovered.warnings = explain::factorisation_warnings(&found);
+        recovered.warnings = explain::factorisation_warnings(&found, samples);
         recovered.warnings.extend(estimate.warnings.iter().cloned());
         recovered.warnings.extend(note);
         recovered.lighting = Some(joint::lighting(&found, &recovered.fit));

@@ -1,5 +1,7 @@
 //! What a run says in words: what is known, what is not, and what to distrust.
 
+use std::f64::consts::{FRAC_PI_2, TAU};
+
 use super::fit::{
     ACROSS_DOUBTFUL, ACROSS_REFUSED, DIFFUSE_DOUBTFUL, DOUBTFUL, REFUSED, STRUCTURE_DOUBTFUL,
     STRUCTURE_REFUSED, VIOLATION_DOUBTFUL, VIOLATION_REFUSED,
@@ -9,10 +11,16 @@ use super::material::share;
 use super::measure::Measured;
 use super::recipe::{Recipe, Recover};
 use super::run::{Recovered, Verdict};
+use crate::light_field::{Column, Samples};
 use crate::recover::Status;
 use crate::recover::brdf::BrdfEstimate;
 use crate::recover::factorise::{self, Factorisation};
 use crate::recover::lighting::LightingEstimate;
+
+/// A gap between neighbouring views, radians, beyond which it is why no frequency of a light field shows.
+const WIDE_GAP: f64 = FRAC_PI_2;
+/// Change with the normal, relative to the mean, that a light field has where a light that is not uniform shows.
+const CHANGE: f64 = 0.05;
 
 /// What a fit that does not explain the photographs means for its result.
 pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered) -> Vec<String> {
@@ -86,6 +94,9 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
                     100.0 * across_limit.sqrt()
                 ));
             }
+            if fit.unsettled {
+                found.push("the search for light and BRDF finds no end, however few the frequencies, so that nothing is known of their errors".into());
+            }
             if fit.beside {
                 found.push(match recover {
                     Recover::Both => {
@@ -96,7 +107,12 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
             }
             // A stated light that is wrong may look like texture, and what breaks reciprocity is the model's whatever the rest looks like.
             let broken = fit.violation.is_some_and(|broken| broken > violation);
-            let model_first = broken || recover == Recover::Brdf || across.is_some() || fit.beside;
+            let model_first = broken
+                || recover == Recover::Brdf
+                || across.is_some()
+                || fit.beside
+                // What a search without an end leaves is no residual.
+                || fit.unsettled;
             let model = match across {
                 Some(_) => OUT_OF_PLANE,
                 None => model.as_str(),
@@ -196,12 +212,54 @@ pub fn grouped(sentences: Vec<String>) -> Vec<String> {
         .collect()
 }
 
+/// The column with the most normals.
+fn fullest(samples: &Samples) -> Option<&Column> {
+    samples.columns.iter().max_by_key(|c| c.alpha.len())
+}
+
+/// The widest gap between neighbouring normals in the fullest column, radians.
+fn widest_gap(samples: &Samples) -> f64 {
+    let mut alpha = fullest(samples).map_or(Vec::new(), |c| c.alpha.clone());
+    alpha.sort_by(f64::total_cmp);
+    let around = match (alpha.first(), alpha.last()) {
+        (Some(first), Some(last)) => first + TAU - last,
+        _ => TAU,
+    };
+    alpha
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .fold(around, f64::max)
+}
+
+/// Standard deviation over the normals of the fullest column, relative to their mean.
+fn change_with_normal(samples: &Samples, channel: usize) -> f64 {
+    let column = fullest(samples);
+    let planes = column.and_then(|c| Some((c.value.get(channel)?, c.variance.get(channel)?)));
+    let Some((values, variances)) = planes else {
+        return 0.0;
+    };
+    let seen = values.iter().zip(variances).filter(|(_, v)| v.is_finite());
+    let (n, sum, square) = seen.fold((0.0, 0.0, 0.0), |(n, sum, square), (b, _)| {
+        (n + 1.0, sum + b, square + b * b)
+    });
+    let mean: f64 = sum / n;
+    let variance: f64 = square / n - mean * mean;
+    variance.max(0.0).sqrt() / mean.abs()
+}
+
 /// What makes a factorisation doubtful; what it leaves open by nature is a finding.
-pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
+pub fn factorisation_warnings(found: &Factorisation, samples: &Samples) -> Vec<String> {
+    let gap = widest_gap(samples);
     let mut said = Vec::new();
-    for channel in &found.channels {
+    for (c, channel) in found.channels.iter().enumerate() {
         let name = &channel.name;
-        if channel.visible_band == 0 {
+        let hidden = gap > WIDE_GAP && change_with_normal(samples, c) > CHANGE;
+        if channel.visible_band == 0 && hidden {
+            said.push(format!(
+                "Channel {name}: {:.0}° of the circle have no views, and what the light field does there may be anything: no frequency of it can be told. Light and BRDF together need views all round; one of them alone, with the other known, does not.",
+                gap.to_degrees()
+            ));
+        } else if channel.visible_band == 0 {
             said.push(format!(
                 "Channel {name}: the light field does not change with the normal. The light is uniform, or the surface passes nothing but its mean: no other frequency of the light is determined, and of the BRDF nothing but its mean over incidence."
             ));
@@ -210,11 +268,6 @@ pub fn factorisation_warnings(found: &Factorisation) -> Vec<String> {
             said.push(format!(
                 "Channel {name}: the light field breaks reciprocity by {:.1} times its stated noise; the error bars were widened by that. Light from out of the plane or from nearby, photographs that are not linear, a texture, an object that is not convex, or too small a noise estimate would do this.",
                 channel.misfit.sqrt()
-            ));
-        }
-        if !channel.converged {
-            said.push(format!(
-                "Channel {name}: the refinement did not settle; the weakly determined frequencies may be worse than their error bars."
             ));
         }
     }
@@ -337,6 +390,7 @@ fn about_gauge(gauge: &ChannelGauge, recipe: &Recipe) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::angle::LocalAngle;
 
     #[test]
     fn channels_that_share_a_sentence_share_it() {
@@ -345,5 +399,26 @@ mod tests {
             grouped(said.map(String::from).to_vec()),
             ["All.", "Channels R, B: a.", "Channel G: b."]
         );
+    }
+
+    #[test]
+    fn the_widest_gap_is_found_across_the_end_of_the_circle() {
+        let column = |degrees: &[f64]| Column {
+            local: LocalAngle::degrees(0.0),
+            alpha: degrees.iter().map(|d| d.to_radians()).collect(),
+            view: (0..degrees.len() as u32).collect(),
+            value: Vec::new(),
+            variance: Vec::new(),
+        };
+        let gap = |columns: &[&[f64]]| {
+            let samples = Samples {
+                channels: Vec::new(),
+                columns: columns.iter().map(|c| column(c)).collect(),
+            };
+            widest_gap(&samples).to_degrees()
+        };
+        assert!((gap(&[&[0.0], &[170.0, -60.0, 0.0, 60.0]]) - 130.0).abs() < 1e-9);
+        assert!((gap(&[&[-90.0, 0.0, 85.0]]) - 185.0).abs() < 1e-9);
+        assert_eq!(gap(&[&[]]), 360.0);
     }
 }

@@ -46,7 +46,7 @@ pub const DIFFUSE: f64 = 0.15;
 pub const STRUCTURE_DOUBTFUL: f64 = 0.003;
 /// As [`STRUCTURE_DOUBTFUL`].
 pub const STRUCTURE_REFUSED: f64 = 0.009;
-/// Unexplained share above which a lighting by a diffuse surface is doubtful: such a surface shows the light's frequencies so weakly that a texture of
+/// Unexplained share above which a light by a diffuse surface is doubtful, be the surface known or not: such a surface shows the light's frequencies so weakly that a texture of
 /// 5 % on it is taken for light that is wrong by 80 %, and leaves 0.014 to 0.02. Honest sets leave nothing.
 pub const DIFFUSE_DOUBTFUL: f64 = 0.006;
 /// Residual, relative to the largest radiance, that is taken for no noise if the photos show no limb, or more than one object.
@@ -74,6 +74,9 @@ pub struct FitQuality {
     /// Whether it is doubted for the sake of another channel alone, which shares its views and the places of its lights.
     #[serde(default)]
     pub beside: bool,
+    /// Whether a recovery of both found no end: its errors cannot be judged.
+    #[serde(default)]
+    pub unsettled: bool,
     /// Whether a diffuse surface shows the light that is judged.
     #[serde(default)]
     pub diffuse: bool,
@@ -115,6 +118,7 @@ pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality
                 violation: None,
                 across: None,
                 beside: false,
+                unsettled: false,
                 diffuse: false,
                 causes: causes(samples, &predicted[c], c),
                 verdict: verdict(unexplained, [DOUBTFUL, REFUSED]),
@@ -141,21 +145,36 @@ impl FitQuality {
         self.verdict = self.verdict.max(own);
     }
 
-    /// Takes into account how radiance changes across the plane; what is diffuse is not judged by it.
+    /// Takes into account whether the search for light and BRDF has come to an end. σ is the curvature of the misfit where it is least: where
+    /// no such place was found, not even with few frequencies, nothing is known of the errors.
+    pub fn judge_search(&mut self, settled: bool) {
+        self.unsettled = !settled;
+        if self.unsettled {
+            self.verdict = Verdict::Refused;
+        }
+    }
+
+    /// Takes into account how radiance changes across the plane, by which what is diffuse is not judged, and that a diffuse surface shows the
+    /// light weakly.
     pub fn judge_balance(&mut self, across: Option<f64>, diffuse: bool) {
         self.across = across;
+        self.judge_diffuse(diffuse);
         if let (Some(across), false) = (across, diffuse) {
             let own = verdict(across, [ACROSS_DOUBTFUL, ACROSS_REFUSED]);
             self.verdict = self.verdict.max(own);
         }
     }
 
-    /// Judges a lighting, which takes up what is the model's own and, by a `diffuse` surface, texture.
-    pub fn judge_lighting(&mut self, diffuse: bool) {
+    fn judge_diffuse(&mut self, diffuse: bool) {
         self.diffuse = diffuse;
         if diffuse && self.unexplained > DIFFUSE_DOUBTFUL {
             self.verdict = self.verdict.max(Verdict::Doubtful);
         }
+    }
+
+    /// Judges a lighting, which takes up what is the model's own and, by a `diffuse` surface, texture.
+    pub fn judge_lighting(&mut self, diffuse: bool) {
+        self.judge_diffuse(diffuse);
         let own = verdict(
             self.causes.structure,
             [STRUCTURE_DOUBTFUL, STRUCTURE_REFUSED],
@@ -167,11 +186,7 @@ impl FitQuality {
 /// Where one channel is refused because light and BRDF of no kind in the plane explain it, the others are doubtful: geometry and lamps
 /// are the same for all.
 pub fn judge_together(fits: &mut [FitQuality]) {
-    let broken = |fit: &FitQuality| {
-        let violation = fit.violation.unwrap_or(0.0) > VIOLATION_REFUSED;
-        fit.verdict == Verdict::Refused && (violation || fit.across > Some(ACROSS_REFUSED))
-    };
-    if fits.iter().any(broken) {
+    if fits.iter().any(|fit| fit.verdict == Verdict::Refused) {
         doubt_others(fits);
     }
 }
@@ -268,5 +283,60 @@ pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part {
             ),
         ],
         numbers: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::LocalAngle;
+    use crate::light_field::Column;
+
+    /// Three channels that are explained to the noise.
+    fn explained() -> Vec<FitQuality> {
+        let value = vec![1.0, 2.0, 3.0, 2.0];
+        let samples = Samples {
+            channels: ["R", "G", "B"].map(String::from).to_vec(),
+            columns: vec![Column {
+                local: LocalAngle::degrees(0.0),
+                alpha: vec![-1.5, 0.0, 1.5, 3.0],
+                view: vec![0, 1, 2, 3],
+                value: vec![value.clone(); 3],
+                variance: vec![vec![1e-4; 4]; 3],
+            }],
+        };
+        quality(&samples, &vec![vec![value]; 3])
+    }
+
+    #[test]
+    fn what_finds_no_end_is_no_measurement_and_its_neighbours_are_doubtful() {
+        let mut fits = explained();
+        for (fit, settled) in fits.iter_mut().zip([true, false, true]) {
+            fit.judge_search(settled);
+        }
+        judge_together(&mut fits);
+        let verdicts: Vec<Verdict> = fits.iter().map(|f| f.verdict).collect();
+        let expected = [Verdict::Doubtful, Verdict::Refused, Verdict::Doubtful];
+        assert_eq!(verdicts, expected);
+    }
+
+    #[test]
+    fn a_diffuse_surface_is_judged_more_strictly_known_or_not() {
+        for diffuse in [false, true] {
+            let mut fits = explained();
+            let [known, unknown, _] = fits.as_mut_slice() else {
+                panic!("three channels");
+            };
+            for fit in [&mut *known, &mut *unknown] {
+                fit.unexplained = 0.5 * (DIFFUSE_DOUBTFUL + DOUBTFUL);
+            }
+            known.judge_lighting(diffuse);
+            unknown.judge_balance(None, diffuse);
+            let expected = match diffuse {
+                true => Verdict::Doubtful,
+                false => Verdict::Explained,
+            };
+            assert_eq!([known.verdict, unknown.verdict], [expected; 2]);
+        }
     }
 }

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::measure::{REACHES, reach_limit, rows_needed};
 use super::recipe::LOCALS;
+use super::rows::{reaches, rows_needed};
 use crate::capture::Capture;
 use crate::error::{Error, Result};
 use crate::geometry::{CameraModel, Pose, ViewGeometry};
@@ -20,9 +20,9 @@ use crate::photo;
 /// If the camera is of no kind that there is.
 pub fn damaged(capture: &Capture) -> Result<Vec<Error>> {
     let camera = CameraModel::new(&capture.camera)?;
-    let limit = reach_limit(capture, &camera, LOCALS);
-    let reach = REACHES.into_iter().filter(|r| *r <= limit);
-    let reach = reach.fold(REACHES[0], f64::max);
+    let reach = reaches(capture, &camera, LOCALS)
+        .into_iter()
+        .fold(0.0, f64::max);
     let size = capture.camera.image_size;
     // Each file once, with the rows of all views that it serves and the first of them.
     let mut wanted: BTreeMap<&Path, (Option<usize>, Range<u32>)> = BTreeMap::new();

@@ -6,6 +6,7 @@ use crate::error::{Error, Kind, Result};
 use crate::photo::Storage;
 use crate::radiance::Odd;
 
+use super::photographed::first_file;
 use super::progress::Progress;
 
 /// Part of the views that may be left out: with more, something is wrong with the set.
@@ -229,12 +230,6 @@ impl Usable {
         }
         Error::all(errors).unwrap_or_else(|| Error::failed("no view can be used"))
     }
-}
-
-/// The first photo of a view, as the description names it.
-fn first_file(capture: &Capture, view: usize) -> String {
-    let photo = capture.views.get(view).and_then(|v| v.photos.first());
-    photo.map_or_else(String::new, |p| p.file.display().to_string())
 }
 
 /// The widest angle between neighbouring views, degrees.

@@ -15,6 +15,7 @@ use bench::{Bench, Format, Output};
 use rayon::prelude::*;
 
 /// What the program is asked to do with a set.
+#[derive(Clone, Copy, Debug)]
 pub(crate) enum Ask {
     Run,
     /// `run --strict`

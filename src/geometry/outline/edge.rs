@@ -281,6 +281,22 @@ impl Equations<'_> {
 /// flank of a highlight beside a dim limb looks blurred too, but not as exactly.
 const BLURS: [f64; 7] = [0.4, 0.6, 0.8, 1.1, 1.5, 2.0, 2.8];
 const BLUR_GAIN: f64 = 0.7;
+/// Columns per row from which a limb's slant is seen in a pixel: it then spreads less than a hundredth of the pixel's own width does.
+const LEAST_LEAN: f64 = 0.1;
+/// Gauss's rule of four points over a pixel of height 1, and the variance over it.
+const HEIGHT_NODES: [f64; 4] = [
+    -0.430_568_155_797_026_3,
+    -0.169_990_521_792_428_13,
+    0.169_990_521_792_428_13,
+    0.430_568_155_797_026_3,
+];
+const HEIGHT_WEIGHTS: [f64; 4] = [
+    0.173_927_422_568_726_93,
+    0.326_072_577_431_273_07,
+    0.326_072_577_431_273_07,
+    0.173_927_422_568_726_93,
+];
+const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Nodes of the blur's quadrature, half a standard deviation apart.
 const BLUR_NODES: i32 = 6;
 
@@ -394,7 +410,7 @@ pub(super) fn locate(
     let bound = |power: i32, share: f64| (span.sqrt().powi(power) / (share * (high - low))).powi(2);
     let prior = SVector::<f64, 6>::new(0.0, 0.0, 0.0, bound(1, 1.0), bound(2, 1.0), bound(3, 0.5));
 
-    let blur = nodes(blur);
+    let blur = nodes(blur, strip.slant);
     let mut edge = start;
     let mut levels = SVector::<f64, 5>::zeros();
     let mut sigma = f64::INFINITY;
@@ -454,11 +470,17 @@ fn level(lines: &[Line]) -> impl Iterator<Item = &[Line]> {
     lines.chunk_by(|a, b| (a.first - b.first).abs() < 1e-8)
 }
 
-/// Nodes of a Gaussian blur along the row (pixels) and their weights, padded with nodes of no weight; none: no blur.
-fn nodes(blur: f64) -> Vec<([f64; 4], [f64; 4])> {
+/// Nodes along the row (pixels) and their weights, padded with nodes of no weight, of all that spreads a limb of this slant beyond the pixel's own
+/// width: a Gaussian blur, and the height of the pixel, through which a slanted limb crosses from one column to another. None: nothing.
+fn nodes(blur: f64, slant: f64) -> Vec<([f64; 4], [f64; 4])> {
+    let lean = (slant.powi(-2) - 1.0).max(0.0).sqrt();
     if !(blur > 0.0) {
-        return Vec::new();
+        return match lean > LEAST_LEAN {
+            true => vec![(HEIGHT_NODES.map(|v| lean * v), HEIGHT_WEIGHTS)],
+            false => Vec::new(),
+        };
     }
+    let blur = blur.hypot(lean * PIXEL_VARIANCE.sqrt());
     let all: Vec<(f64, f64)> = (-BLUR_NODES..=BLUR_NODES)
         .map(|k| {
             let z = 0.5 * f64::from(k);

@@ -59,6 +59,18 @@ fn a_whole_sphere_shows_its_height_too() {
 }
 
 #[test]
+fn a_sphere_looks_as_large_wherever_it_is_lit_from() {
+    for roll_deg in [0.0f64, 20.0, 30.0, -45.0] {
+        let mut scene = Scene::new(Shape::Sphere, [480, 480]);
+        scene.roll = roll_deg.to_radians();
+        let found = look(&scene, &Pose::nominal(), 0.1);
+        let error = found.radius_px - found.predicted_radius_px;
+        // A quarter of what a point of the limb is taken to be off.
+        assert!(error.abs() < 0.0025, "{roll_deg}: {error} px");
+    }
+}
+
+#[test]
 fn a_shadows_edge_is_not_taken_for_the_limb() {
     // One sun, black background: the shadow begins inside the disc, where θo′ is 65° to 80°.
     for shape in [Shape::Cylinder, Shape::Sphere] {

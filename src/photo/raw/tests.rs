@@ -1,8 +1,9 @@
 //! A DNG written here, to the letter of its specification, and read back.
 
+use std::ops::Range;
 use std::path::Path;
 
-use super::super::{Format, Storage, info, read};
+use super::super::{Format, Photo, Storage, info, read};
 
 /// Entries of a TIFF directory: tag, type, count, and their bytes.
 type Entry = (u16, u16, u32, Vec<u8>);
@@ -125,6 +126,23 @@ fn code(x: usize, y: usize) -> u16 {
     (200 + 7 * x + 100 * y) as u16
 }
 
+/// Every site of the sensor, in these rows, holds `value`(x, y) above its black level in its own colour and nothing in the others.
+fn is_mosaic(photo: &Photo, rows: Range<u32>, value: impl Fn(usize, usize) -> f32) {
+    assert_eq!(photo.rows, rows);
+    let width = photo.size[0] as usize;
+    for i in 0..width * rows.len() {
+        let (x, y) = (i % width, rows.start as usize + i / width);
+        let (colour, black) = [[(0, 60.0), (1, 62.0)], [(1, 64.0), (2, 66.0)]][y % 2][x % 2];
+        for (c, plane) in photo.values.iter().enumerate() {
+            if c == colour {
+                assert_eq!(plane[i], value(x, y) - black, "{x} {y}");
+            } else {
+                assert!(plane[i].is_nan(), "{x} {y}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_dng_gives_the_sensors_values_above_black_at_their_sites() {
     let folder = tempfile::tempdir().unwrap();
@@ -149,16 +167,7 @@ fn a_dng_gives_the_sensors_values_above_black_at_their_sites() {
         (Some(8.0), Some(85.0))
     );
     let photo = read(&path, Some(5..9)).unwrap();
-    for (i, (x, y)) in (0..4 * 32).map(|i| (i, (i % 32, 5 + i / 32))) {
-        let (colour, black) = [[(0, 60.0), (1, 62.0)], [(1, 64.0), (2, 66.0)]][y % 2][x % 2];
-        for (c, plane) in photo.values.iter().enumerate() {
-            if c == colour {
-                assert_eq!(plane[i], f32::from(code(x, y)) - black, "{x} {y}");
-            } else {
-                assert!(plane[i].is_nan(), "{x} {y}");
-            }
-        }
-    }
+    is_mosaic(&photo, 5..9, |x, y| f32::from(code(x, y)));
 }
 
 #[test]
@@ -198,18 +207,9 @@ fn filters_and_black_levels_begin_where_the_lit_part_does() {
     write(&path, size, 1, 1, (1, 50), tags, |x, y, _| code(x, y));
     let photo = read(&path, None).unwrap();
     assert_eq!(photo.size, [28, 17]);
-    for (i, (x, y)) in (0..28 * 17).map(|i| (i, (i % 28, i / 28))) {
-        let (colour, black) = [[(0, 60.0), (1, 62.0)], [(1, 64.0), (2, 66.0)]][y % 2][x % 2];
-        let own = 0.25 * x as f32 - 0.5 * y as f32;
-        let expected = f32::from(code(x + 3, y + 1)) - black - own;
-        for (c, plane) in photo.values.iter().enumerate() {
-            if c == colour {
-                assert_eq!(plane[i], expected, "{x} {y}");
-            } else {
-                assert!(plane[i].is_nan(), "{x} {y}");
-            }
-        }
-    }
+    is_mosaic(&photo, 0..17, |x, y| {
+        f32::from(code(x + 3, y + 1)) - (0.25 * x as f32 - 0.5 * y as f32)
+    });
 }
 
 #[test]

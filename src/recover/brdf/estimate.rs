@@ -33,6 +33,9 @@ pub struct Slice {
     /// Posterior standard deviation; includes what smoothing may have taken away.
     #[serde(skip)]
     pub sigma: Vec<f64>,
+    /// The part of σ that is what even the finest splines miss, in quadrature: an error of the splines' own, whatever the noise.
+    #[serde(skip)]
+    pub unresolved: Vec<f64>,
     /// Cramér–Rao bound of the problem without smoothness prior, at the resolution of the splines; very large where the samples
     /// alone do not determine the value.
     #[serde(skip)]
@@ -99,6 +102,9 @@ impl BrdfEstimate {
     }
 }
 
+/// Share of a slice that is indeterminate beyond which no place is named where it is so.
+const NEARLY_ALL: f64 = 0.95;
+
 /// Sentences on the parts of `slice` that are not known.
 pub fn gaps(name: &str, size: usize, slice: &Slice) -> Vec<String> {
     let mut out = Vec::new();
@@ -159,7 +165,7 @@ pub fn gaps(name: &str, size: usize, slice: &Slice) -> Vec<String> {
     out.push(format!(
         "{name}: {:.0} % of the BRDF slice is indeterminate and left empty{}.",
         100.0 * missing as f64 / total,
-        if bands.is_empty() {
+        if bands.is_empty() || missing as f64 > NEARLY_ALL * total {
             String::new()
         } else {
             format!(

@@ -312,6 +312,7 @@ fn recover_channel(
     Ok(Slice {
         reciprocal: grid.values,
         sigma: grid.sigma,
+        unresolved: grid.unresolved,
         bound: grid.bound,
         status: grid.status,
         spectrum,

@@ -98,6 +98,8 @@ pub struct GridValues {
     pub values: Vec<f64>,
     /// Standard deviation.
     pub sigma: Vec<f64>,
+    /// The part of it that is what the splines miss.
+    pub unresolved: Vec<f64>,
     /// Cramér–Rao bound without smoothness.
     pub bound: Vec<f64>,
     /// Status.
@@ -226,6 +228,7 @@ pub fn read(
     let mut grid = GridValues {
         values: vec![0.0; size * size],
         sigma: vec![0.0; size * size],
+        unresolved: vec![0.0; size * size],
         bound: vec![0.0; size * size],
         status: vec![Status::Indeterminate; size * size],
     };
@@ -233,6 +236,7 @@ pub fn read(
         for cell in [i * size + j, j * size + i] {
             grid.values[cell] = values[k];
             grid.bound[cell] = bound[k];
+            grid.unresolved[cell] = unresolved[cell];
             (grid.sigma[cell], grid.status[cell]) = judged[k];
         }
     }
