@@ -46,6 +46,9 @@ impl Stations {
 
 /// Stations on both sides over which the scatter of rows is pooled where no noise model is stated.
 const POOL: usize = 12;
+/// Largest variance of a station in units of that of one of its pixels. Beyond, the rows that are left, as of a station of which most is clipped, lie to
+/// one side of the line, and what a parabola makes of them there is no measurement.
+const FARTHEST: f64 = 1.5;
 /// Variance of a position within a pixel of width 1.
 pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Variance of the places along the line by which [`along_line`] weights pixels: that of a hat one pixel to each side.
@@ -99,8 +102,12 @@ impl Sums {
         Some(([curve[0], curve[1], curve[2]], fit))
     }
 
-    /// The fit at t = 0 with as many terms as the rows determine; `None` without rows.
+    /// The fit at t = 0 with as many terms as the rows determine; `None` without rows, and where they do not reach to the line.
     pub(super) fn fit(&self) -> Option<Fit> {
+        self.any_fit().filter(|fit| fit.gain <= FARTHEST)
+    }
+
+    fn any_fit(&self) -> Option<Fit> {
         let n = f64::from(self.count);
         let [_, _, p2, _, p4] = self.powers;
         let k = PIXEL_VARIANCE;
@@ -381,6 +388,9 @@ pub fn along_line(
                 gain += w * w;
                 residual += (value - fit.dot(basis)).powi(2);
             }
+            if gain > FARTHEST {
+                continue;
+            }
             if !radiance.noise_known {
                 let mean_pixel = used.iter().map(|u| u.3).sum::<f64>() / used.len() as f64;
                 variance = gain * residual / (used.len() - 4).max(1) as f64 + mean_pixel;
@@ -525,6 +535,20 @@ mod tests {
                 };
                 assert!((value - expected).abs() < allowed, "{height} {u}");
             }
+        }
+    }
+
+    #[test]
+    fn rows_to_one_side_are_not_taken_to_the_line() {
+        // Of a column most rows are clipped, all but the lowest ones; from the seventh on they lie on both sides of the line.
+        let whole = image(12, |x, y| 1.0 + 0.01 * x - 0.004 * (y - 6.0).powi(2));
+        for left in [2, 3, 5, 6, 7, 9, 12] {
+            let mut clipped = whole.clone();
+            for row in 0..12 - left {
+                clipped.variance[0][row * 32 + 20] = f32::INFINITY;
+            }
+            let found = along_rows(&clipped, 0..32, |_| (6.0, 100.0));
+            assert_eq!(found.variance[0][20].is_finite(), left >= 7, "{left}");
         }
     }
 
