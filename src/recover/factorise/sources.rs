@@ -90,8 +90,10 @@ impl Sources {
         let squares: Vec<f64> = (0..tried)
             .map(|k| design.col(k).transpose() * weighted.col(k))
             .collect();
-        // Direction and share are two numbers, as a coefficient is: as many sources as frequencies would be any light.
-        for _ in 0..MOST.min(frequencies.len() / 2) {
+        // Direction and share are two numbers, as a coefficient is: as many sources as upper frequencies would be any light, and the lower ones are
+        // the smooth light's.
+        let upper = frequencies.iter().filter(|&&p| 2 * p > last).count();
+        for _ in 0..MOST.min(upper / 2) {
             let along = weighted.transpose() * (&target - found.parts(&frequencies));
             // The gain of a source at each direction: (aᵀWr)² / aᵀWa, where aᵀWr is above 0.
             let best = (0..tried)
