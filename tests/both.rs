@@ -40,6 +40,22 @@ fn run_changed(set: &str, scale: &str, change: &dyn Fn(&mut Capture)) -> Run {
     execute(&recipe, &capture, &Silent).expect("a run")
 }
 
+/// Photographs simulated from a scene, whose files are in `folder`.
+fn run_simulated(scene: &str, folder: &Path) -> Run {
+    let scene = simulate::Recipe::parse(scene, Path::new("scene.toml"), folder).expect("a scene");
+    let place = tempfile::tempdir().expect("a temporary folder");
+    let set = place.path().join("set");
+    simulate::simulate(&scene, &set, false, &|| {}).expect("photographs");
+    let recipe = Recipe::parse(
+        "format = 1\nrecover = 'both'\n",
+        Path::new("recipe.toml"),
+        Path::new("."),
+    )
+    .expect("a recipe");
+    let capture = Capture::read(&set).expect("a capture");
+    execute(&recipe, &capture, &Silent).expect("a run")
+}
+
 /// Relative L2 error up to `order` after the best scale, and that scale (truth over result).
 fn lighting_error(run: &Run, c: usize, truth: &Lighting, order: usize) -> (f64, f64) {
     let spectrum = &run.lighting.as_ref().expect("a light").channels[c].spectrum;
@@ -169,6 +185,60 @@ fn what_does_not_explain_the_photographs_is_told() {
     }
 }
 
+/// The error bars of a slice whose light was found along with it hold the light's error: it bends the whole crest of a sharp lobe alike, however many
+/// samples there are of it.
+#[test]
+fn the_error_bars_of_the_slice_hold_those_of_the_light() {
+    // A light of all frequencies up to 16, nowhere negative.
+    let mut series = Series::zero(16);
+    for p in 0..=16 {
+        let size = if p == 0 { 1.0 } else { 0.07 };
+        series.coefficients[p] = num_complex::Complex64::from_polar(size, 2.4 * (p * p) as f64);
+    }
+    let mut table = "theta_deg,L_Y\n".to_owned();
+    for k in 0..720 {
+        let deg = -180.0 + 0.5 * f64::from(k);
+        let l = series.evaluate(deg.to_radians());
+        assert!(l > 0.0, "{deg}: {l}");
+        table += &format!("{deg},{l}\n");
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    std::fs::write(folder.path().join("light.csv"), table).expect("writes");
+    let scene = "format = 1\nname = 'noisy'\nseed = 9\nchannels = ['Y']\n[object]\nshape = 'cylinder'\nradius = 0.05\n\
+        [camera]\nprojection = 'perspective'\nimage_size = [480, 12]\nfocal_px = 2439.5\ndistance = 0.6\n\
+        [views]\ncount = 72\norbit_start_deg = 0.0\norbit_step_deg = 5.0\n\
+        [brdf]\nmodel = 'ggx-conductor'\nalpha = 0.1\neta = 0.2\nk = 3.9\n[lighting]\ntable = 'light.csv'\n\
+        [sensor]\nformat = 'png'\nbits = 16\nexposures_s = [1.0]\nfill = 0.8\nfull_well_e = 3000\nread_noise_e = 8\n";
+    let run = run_simulated(scene, folder.path());
+    let recipe = "model = 'ggx-conductor'\nalpha = 0.1\neta = 0.2\nk = 3.9";
+    let truth = Model::from_table(&recipe.parse().expect("TOML"))
+        .and_then(|m| m.material(&run.channels, Path::new(".")))
+        .expect("a metal");
+    let brdf = run.brdf.as_ref().expect("a slice");
+    let found = run.lighting.as_ref().expect("a light").channels[0].spectrum[0].value;
+    let scale = found.re / series.get(0).re;
+    let (mut squares, mut inside, mut count) = (0.0, 0.0, 0.0);
+    for i in 0..brdf.size {
+        for j in 0..brdf.size {
+            let [a, b] = [i, j].map(|k| LocalAngle::radians(brdf.angle(k)));
+            if a.deg().abs() > 75.0 || b.deg().abs() > 75.0 {
+                continue;
+            }
+            let Some((rho, sigma)) = brdf.rho(0, i, j) else {
+                continue;
+            };
+            let z = (scale * rho - truth.brdfs[0].value(a, b)) / (scale * sigma);
+            squares += z * z;
+            inside += f64::from(u8::from(z.abs() < 1.96));
+            count += 1.0;
+        }
+    }
+    let (z, inside) = (f64::sqrt(squares / count), inside / count);
+    // With the light taken for known z was 2.6. The light's errors are some twenty numbers that all values share: 1/√40 = 16 % of z, two of those.
+    assert!(count > 10_000.0, "{count}");
+    assert!((0.6..1.35).contains(&z) && inside > 0.85, "{z} {inside}");
+}
+
 /// Half a circle of views: the other half of the light field may be anything, and uniform light is not what hides its frequencies.
 #[test]
 fn views_over_half_of_the_circle_are_not_enough_for_both() {
@@ -198,19 +268,7 @@ fn uniform_light_leaves_all_but_the_means_open() {
              [brdf]\nmodel = 'phong'\ndiffuse = 0.3\nspecular = 0.4\nexponent = 32\n[lighting]\nuniform = 0.4\n\
              [sensor]\nformat = 'png'\nbits = 16\nexposures_s = [1.0]\nfill = 0.8\nfull_well_e = 1000000\nread_noise_e = 8\n"
         );
-        let recipe = simulate::Recipe::parse(&text, Path::new("scene.toml"), Path::new("."))
-            .expect("a scene");
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let set = folder.path().join("set");
-        simulate::simulate(&recipe, &set, false, &|| {}).expect("photographs");
-        let recipe = Recipe::parse(
-            "format = 1\nrecover = 'both'\n",
-            Path::new("recipe.toml"),
-            Path::new("."),
-        )
-        .expect("a recipe");
-        let capture = Capture::read(&set).expect("a capture");
-        let run = execute(&recipe, &capture, &Silent).expect("a run");
+        let run = run_simulated(&text, Path::new("."));
         let gauge = &run.gauge[0];
         assert_eq!(
             gauge.undetermined,

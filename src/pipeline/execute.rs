@@ -270,7 +270,8 @@ impl Task<'_> {
             refine: true,
         };
         let radius = self.measured.views.iter().map(|v| v.radius_px);
-        let widened = joint::with_model_error(samples, radius.fold(f64::INFINITY, f64::min));
+        let radius_px = radius.fold(f64::INFINITY, f64::min);
+        let widened = joint::with_model_error(samples, radius_px);
         let mut found = factorise::recover_with(&widened, &self.measured.systematics, &options)?;
         let parametric = joint::parametric(&found, &widened, &options.scale);
         drop(widened);
@@ -286,7 +287,9 @@ impl Task<'_> {
         let mut options = material::options(&recipe.recovery)?;
         let band = found.channels.iter().map(|c| c.band).max();
         options.order = options.order.max(band.unwrap_or(0));
-        let estimate = brdf::recover_with(&widened, &open, &light, &options)?;
+        let errors = joint::light_errors(&found);
+        let widened = joint::with_model_error(&widened, radius_px);
+        let estimate = brdf::recover_under(&widened, &open, &light, &errors, &options)?;
         drop((widened, open));
         joint::retract_unseen(&mut found, &estimate);
         clock.lap("BRDF");

@@ -12,7 +12,7 @@ use crate::fourier::Series;
 use crate::light_field::{Column, Samples, Systematic};
 use crate::lighting::{Lighting, Source};
 use crate::recover::Status;
-use crate::recover::brdf::BrdfEstimate;
+use crate::recover::brdf::{BrdfEstimate, LightError};
 use crate::recover::factorise::{self, Channel, Factorisation, ParametricFit, Scale};
 use crate::recover::lighting::{
     ChannelEstimate, Coefficient, LightingEstimate, RegularisationChoice, TABLE,
@@ -253,8 +253,8 @@ fn light_of(found: &Factorisation, kept: impl Fn(&Channel, usize) -> bool) -> Li
 /// The samples without what the light's undetermined frequencies did to them, as far as they show and where no sources stand for them: what is left is explained by the determined light alone, at the same information per frequency.
 ///
 /// Returned twice: with the samples' variances, and with what the light's own uncertainty by the noise adds to them,
-/// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that it reaches the slice's σ. Where sources stand for L_p
-/// their error is what they miss of the determined frequencies.
+/// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that columns in which the light's error shows most say least. How it reaches the slice's
+/// σ, as one error of all samples, [`light_errors`] say. Where sources stand for L_p their error is what they miss of the determined frequencies.
 pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Samples) {
     let mut part = samples.clone();
     let mut widened = samples.clone();
@@ -319,6 +319,46 @@ fn own_sigma(channel: &Channel, p: usize) -> f64 {
     let open = &channel.systematics.open;
     let shared: f64 = open.iter().map(|e| e.light.get(p as i64).norm_sqr()).sum();
     (channel.sigma[p].powi(2) - shared).max(0.0).sqrt()
+}
+
+/// How well the determined frequencies of each channel's light are known, beside the errors that all samples share.
+pub fn light_errors(found: &Factorisation) -> Vec<LightError> {
+    found.channels.iter().map(light_error).collect()
+}
+
+fn light_error(channel: &Channel) -> LightError {
+    let determined = (1..=channel.band).filter(|&p| channel.status[p] == Status::Determined);
+    let frequencies: Vec<usize> = determined.collect();
+    let fitted: Vec<usize> = channel.frequencies.iter().copied().skip(1).collect();
+    let part = |series: &Series, p: usize, k: usize| {
+        let l = series.get(p as i64);
+        if k == 0 { l.re } else { l.im }
+    };
+    let size = 2 * frequencies.len();
+    let mut covariance = Vec::with_capacity(size * size);
+    for i in 0..size {
+        for j in 0..size {
+            let (p, q) = (frequencies[i / 2], frequencies[j / 2]);
+            let place = |p: usize| fitted.iter().position(|&f| f == p);
+            covariance.push(match (place(p), place(q)) {
+                (Some(a), Some(b)) => {
+                    let index = (2 * a + i % 2) * 2 * fitted.len() + 2 * b + j % 2;
+                    let open = channel.systematics.open.iter();
+                    let shared: f64 = open
+                        .map(|e| part(&e.light, p, i % 2) * part(&e.light, q, j % 2))
+                        .sum();
+                    channel.covariance.get(index).copied().unwrap_or(0.0) - shared
+                }
+                // Regressed one by one.
+                (None, None) if i == j => 0.5 * channel.sigma[p].powi(2),
+                _ => 0.0,
+            });
+        }
+    }
+    LightError {
+        frequencies,
+        covariance,
+    }
 }
 
 /// The samples without the errors that all of them share, as far as the factorisation found them.

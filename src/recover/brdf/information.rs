@@ -202,23 +202,16 @@ impl Information {
         light: &Illumination,
         space: Space,
     ) -> Self {
-        let changes: Vec<&Vec<Vec<f64>>> = systematics
-            .iter()
-            .filter_map(|s| s.change.get(channel))
-            .collect();
         let reduced: Vec<_> = samples
             .columns
             .par_iter()
             .enumerate()
             .filter_map(|(j, column)| {
-                let own: Vec<&[f64]> = changes
-                    .iter()
-                    .map(|c| c.get(j).map_or(&[][..], Vec::as_slice))
-                    .collect();
+                let own = of_column(systematics, channel, j);
                 reduce(column, channel, &own, light, &space)
             })
             .collect();
-        let errors = changes.len();
+        let errors = of_column(systematics, channel, 0).len();
         let mut information = Self {
             space,
             columns: Vec::with_capacity(reduced.len()),
@@ -243,13 +236,7 @@ impl Information {
         if errors > 0 {
             let mut cross = Mat::zeros(information.space.len(), errors);
             for column in &information.columns {
-                for (unknown, parts) in column.touched.iter() {
-                    for &(m, value) in parts {
-                        for s in 0..errors {
-                            cross[(unknown, s)] += value * column.cross[(m, s)];
-                        }
-                    }
-                }
+                column.touched.add(&column.cross, &mut cross);
             }
             information.coupling = Some(Coupling {
                 cross,
@@ -294,6 +281,49 @@ impl Information {
             equations.square -= target.squared_norm_l2();
         }
         Ok(equations)
+    }
+
+    /// The right side of the equations if the samples were the changes that `of_column` gives of those that are seen, in σ, several at a time:
+    /// \[unknown\]\[change\]. What systematic errors explain of them is none of it, as in [`equations`](Self::equations).
+    ///
+    /// # Errors
+    /// If the systematic errors are not finite.
+    pub fn right_sides(
+        &self,
+        samples: &Samples,
+        channel: usize,
+        systematics: &[Systematic],
+        light: &Illumination,
+        noise: f64,
+        of_column: impl Fn(&Column, &[Sample]) -> Mat<f64> + Sync,
+    ) -> Result<Mat<f64>> {
+        let parts: Vec<(Touched, Mat<f64>, Mat<f64>)> = samples
+            .columns
+            .par_iter()
+            .enumerate()
+            .filter_map(|(j, column)| {
+                let seen = Seen::new(column, channel, light)?;
+                let change = of_column(column, &seen.samples);
+                let shared = changed(&seen.samples, &self::of_column(systematics, channel, j));
+                let touched = Touched::new(column.local.rad(), &self.space);
+                Some((touched, &seen.rows * &change, shared.transpose() * &change))
+            })
+            .collect();
+        let count = parts.first().map_or(0, |p| p.1.ncols());
+        let mut sum = Mat::zeros(self.space.len(), count);
+        for (touched, column, _) in &parts {
+            touched.add(column, &mut sum);
+        }
+        sum *= faer::Scale(1.0 / noise);
+        if let Some(coupling) = &self.coupling {
+            let mut shared = Mat::zeros(coupling.rhs.len(), count);
+            for (_, _, column) in &parts {
+                shared += column;
+            }
+            coupling.factor(noise)?.solve(&mut shared);
+            sum -= faer::Scale(noise.powi(-2)) * (&coupling.cross * shared);
+        }
+        Ok(sum)
     }
 
     /// χ² of the unknowns `x`, by the variances as given, with the systematic errors that fit best where there are any.
@@ -407,6 +437,7 @@ struct Touched {
 }
 
 impl Touched {
+    /// The unknowns that show at θo′ = `local`, radians.
     fn new(local: f64, space: &Space) -> Self {
         let basis = space.basis();
         let splines: Vec<(usize, f64)> = basis.at(local).iter().collect();
@@ -461,6 +492,17 @@ impl Touched {
         let unknowns = self.unknowns.iter().enumerate();
         unknowns.map(|(k, &unknown)| (unknown as usize, self.parts(k)))
     }
+
+    /// Adds Bᵀ `of_column` to `sum`.
+    fn add(&self, of_column: &Mat<f64>, sum: &mut Mat<f64>) {
+        for (unknown, parts) in self.iter() {
+            for &(m, value) in parts {
+                for s in 0..of_column.ncols() {
+                    sum[(unknown, s)] += value * of_column[(m, s)];
+                }
+            }
+        }
+    }
 }
 
 impl Coupling {
@@ -481,6 +523,83 @@ struct Reduced {
     square: f64,
 }
 
+/// One usable sample of a column.
+pub struct Sample {
+    /// Its number in the column.
+    number: usize,
+    /// α, radians.
+    pub alpha: f64,
+    /// B.
+    value: f64,
+    /// 1/σ.
+    pub root: f64,
+}
+
+/// What the light shows of the splines to the samples of one column.
+struct Seen {
+    /// Those that are usable.
+    samples: Vec<Sample>,
+    /// a/σ, \[len\]\[sample\].
+    rows: Mat<f64>,
+}
+
+impl Seen {
+    /// `None` if no sample is usable.
+    fn new(column: &Column, channel: usize, light: &Illumination) -> Option<Self> {
+        let local = column.local.rad();
+        // Below 1e-6 rad from the horizon the division by the cosine has no meaning.
+        if local.is_nan() || local.abs() > FRAC_PI_2 - 1e-6 {
+            return None;
+        }
+        let (values, variances) = (column.value.get(channel)?, column.variance.get(channel)?);
+        let samples: Vec<Sample> = column
+            .alpha
+            .iter()
+            .zip(values.iter().zip(variances))
+            .enumerate()
+            .filter(|(_, (a, (y, v)))| a.is_finite() && y.is_finite() && v.is_finite() && **v > 0.0)
+            .map(|(number, (&alpha, (&value, &v)))| Sample {
+                number,
+                alpha,
+                value,
+                root: 1.0 / v.sqrt(),
+            })
+            .collect();
+        if samples.is_empty() {
+            return None;
+        }
+        // B cos θo′ = Σ E ρ̃ + …, so a row of B carries 1/cos θo′.
+        let cosine = local.cos();
+        let mut rows = Mat::<f64>::zeros(light.basis.len(), samples.len());
+        for (i, sample) in samples.iter().enumerate() {
+            let row = rows.col_mut(i).try_as_col_major_mut()?.as_slice_mut();
+            light.add_row(sample.alpha, sample.root / cosine, row);
+        }
+        Some(Self { samples, rows })
+    }
+}
+
+/// What each systematic error does to all samples of column `j`.
+fn of_column(systematics: &[Systematic], channel: usize, j: usize) -> Vec<&[f64]> {
+    let changes = systematics.iter().filter_map(|s| s.change.get(channel));
+    changes
+        .map(|c| c.get(j).map_or(&[][..], Vec::as_slice))
+        .collect()
+}
+
+/// What each systematic error does to the `samples` of one column, in σ: \[sample\]\[error\]; `changes` are those of all its samples.
+fn changed(samples: &[Sample], changes: &[&[f64]]) -> Mat<f64> {
+    Mat::from_fn(samples.len(), changes.len(), |i, s| {
+        let change = changes[s].get(samples[i].number).copied().unwrap_or(0.0);
+        // A slope that could not be told says nothing.
+        if change.is_finite() {
+            change * samples[i].root
+        } else {
+            0.0
+        }
+    })
+}
+
 fn reduce(
     column: &Column,
     channel: usize,
@@ -489,35 +608,15 @@ fn reduce(
     space: &Space,
 ) -> Option<Reduced> {
     let local = column.local.rad();
-    // Below 1e-6 rad from the horizon the division by the cosine has no meaning.
-    if local.is_nan() || local.abs() > FRAC_PI_2 - 1e-6 {
-        return None;
-    }
-    let (values, variances) = (column.value.get(channel)?, column.variance.get(channel)?);
-    let usable: Vec<(usize, f64, f64, f64)> = column
-        .alpha
-        .iter()
-        .zip(values.iter().zip(variances))
-        .enumerate()
-        .filter(|(_, (a, (y, v)))| a.is_finite() && y.is_finite() && v.is_finite() && **v > 0.0)
-        .map(|(k, (&a, (&y, &v)))| (k, a, y, 1.0 / v.sqrt()))
-        .collect();
-    if usable.is_empty() {
-        return None;
-    }
+    let Seen { samples, rows } = Seen::new(column, channel, light)?;
     let len = light.basis.len();
-    // B cos θo′ = Σ E ρ̃ + …, so a row of B carries 1/cos θo′.
-    let cosine = local.cos();
-    let mut rows = Mat::<f64>::zeros(len, usable.len());
     let mut rhs = vec![0.0; len];
     let mut square = 0.0;
-    for (i, &(_, alpha, y, root)) in usable.iter().enumerate() {
-        let row = rows.col_mut(i).try_as_col_major_mut()?.as_slice_mut();
-        light.add_row(alpha, root / cosine, row);
-        for (r, a) in rhs.iter_mut().zip(row.iter()) {
-            *r += a * y * root;
+    for (i, sample) in samples.iter().enumerate() {
+        for (r, a) in rhs.iter_mut().zip(rows.col(i).iter()) {
+            *r += a * sample.value * sample.root;
         }
-        square += (y * root).powi(2);
+        square += (sample.value * sample.root).powi(2);
     }
     let mut gram = Mat::<f64>::zeros(len, len);
     matmul(
@@ -528,24 +627,15 @@ fn reduce(
         1.0,
         Par::Seq,
     );
-    let f = Mat::from_fn(usable.len(), changes.len(), |i, s| {
-        let (k, _, _, root) = usable[i];
-        let change = changes[s].get(k).copied().unwrap_or(0.0);
-        // A slope that could not be told says nothing.
-        if change.is_finite() {
-            change * root
-        } else {
-            0.0
-        }
-    });
+    let f = changed(&samples, changes);
     let shared = Shared {
         gram: f.transpose() * &f,
         rhs: (0..changes.len())
             .map(|s| {
                 f.col(s)
                     .iter()
-                    .zip(&usable)
-                    .map(|(f, u)| f * u.2 * u.3)
+                    .zip(&samples)
+                    .map(|(f, sample)| f * sample.value * sample.root)
                     .sum()
             })
             .collect(),
@@ -560,7 +650,7 @@ fn reduce(
             touched: Touched::new(local, space),
         },
         shared,
-        count: usable.len(),
+        count: samples.len(),
         square,
     })
 }

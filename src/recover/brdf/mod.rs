@@ -46,6 +46,7 @@ mod estimate;
 mod evidence;
 mod fit;
 mod information;
+mod light_error;
 mod posterior;
 mod prior;
 mod reading;
@@ -54,6 +55,8 @@ mod spectrum;
 mod spread;
 
 use std::f64::consts::PI;
+
+use faer::Mat;
 
 use crate::light_field::{Samples, Systematic};
 use crate::lighting::Lighting;
@@ -64,6 +67,7 @@ pub use estimate::{BrdfEstimate, Coefficient, Slice};
 pub use evidence::CurvePoint;
 use fit::Fit;
 use information::{Illumination, Information};
+pub use light_error::LightError;
 use prior::Relief;
 pub use prior::Smoothness;
 use reading::{Reach, vague};
@@ -152,6 +156,21 @@ pub fn recover_with(
     lighting: &Lighting,
     options: &Options,
 ) -> Result<BrdfEstimate> {
+    recover_under(samples, systematics, lighting, &[], options)
+}
+
+/// The same under a light that is not known for certain: `errors` per channel of the samples, none where the light is known. They are not fitted, but
+/// what they do to the slice is in its σ.
+///
+/// # Errors
+/// As [`recover`], and if a covariance is not one of its frequencies.
+pub fn recover_under(
+    samples: &Samples,
+    systematics: &[Systematic],
+    lighting: &Lighting,
+    errors: &[LightError],
+    options: &Options,
+) -> Result<BrdfEstimate> {
     check(options)?;
     let mut estimate = BrdfEstimate {
         channels: samples.channels.clone(),
@@ -176,8 +195,8 @@ pub fn recover_with(
             samples,
             channel,
             systematics,
-            lighting,
-            light_channel,
+            (lighting, light_channel),
+            errors.get(channel),
             options,
         )?;
         estimate
@@ -234,13 +253,14 @@ fn recover_channel(
     samples: &Samples,
     channel: usize,
     systematics: &[Systematic],
-    lighting: &Lighting,
-    light_channel: usize,
+    (lighting, light_channel): (&Lighting, usize),
+    error: Option<&LightError>,
     options: &Options,
 ) -> Result<Slice> {
     let name = samples.channels.get(channel).map_or("", String::as_str);
+    let through = |space: &Space| Illumination::new(space.basis(), lighting, light_channel);
     let reduced = |space: Space| {
-        let light = Illumination::new(space.basis(), lighting, light_channel);
+        let light = through(&space);
         let dark = light.is_dark();
         let information = Information::new(samples, channel, systematics, &light, space);
         (information, dark)
@@ -307,8 +327,19 @@ fn recover_channel(
         }
     };
     let fit = fine.as_ref().unwrap_or(&coarse);
-    let (grid, spectrum) =
-        reading::read(fit, &coarse, missed, options.size, options.order, &reach)?;
+    let followed = match error {
+        Some(error) => light_error::followed(
+            fit,
+            samples,
+            channel,
+            systematics,
+            &through(fit.space()),
+            error,
+        )?,
+        None => Mat::zeros(fit.space().len(), 0),
+    };
+    let (size, order) = (options.size, options.order);
+    let (grid, spectrum) = reading::read(fit, &coarse, missed, &followed, size, order, &reach)?;
     Ok(Slice {
         reciprocal: grid.values,
         sigma: grid.sigma,

@@ -154,7 +154,7 @@ fn largest_within(map: &[f64], size: usize, reach: usize) -> Vec<f64> {
 ///
 /// `coarse` is the fit on coarse splines, by which the scatter of the estimate is compared with the posterior's: it has no
 /// finer structure, and holds all of the frequencies. `missed` times the difference to it is added to the σ of the values ([`missed`]); coefficients are
-/// integrals, in which errors of narrow splines cancel.
+/// integrals, in which errors of narrow splines cancel. What other errors did to the unknowns, `followed` \[unknown\]\[error\], is added to every σ.
 ///
 /// # Errors
 /// If the problem without smoothness cannot be factored.
@@ -162,6 +162,7 @@ pub fn read(
     fit: &Fit,
     coarse: &Fit,
     missed: f64,
+    followed: &Mat<f64>,
     size: usize,
     order: usize,
     reach: &Reach,
@@ -179,12 +180,22 @@ pub fn read(
             .collect()
     };
     let unsmoothed = Unsmoothed::new(fit, largest)?;
-    let coefficients = coefficients(fit, coarse, order, &unsmoothed, reach);
+    let coefficients = coefficients(fit, coarse, followed, order, &unsmoothed, reach);
     let covariance = unsmoothed.factor.inverse();
     drop(unsmoothed);
     let bound: Vec<f64> = variances(&covariance).iter().map(|v| v.sqrt()).collect();
     drop(covariance);
     let posterior = variances(&fit.posterior.covariance);
+    let others: Vec<f64> = places
+        .par_iter()
+        .map(|place| {
+            let of = |error: usize| -> f64 {
+                let moved = followed.col(error);
+                place.iter().map(|&(index, w)| w * moved[index]).sum()
+            };
+            (0..followed.ncols()).map(|e| of(e).powi(2)).sum()
+        })
+        .collect();
     drop(places);
 
     let spread = Spread::new(coarse.space(), &coarse.posterior.covariance, &coarse.prior);
@@ -222,7 +233,11 @@ pub fn read(
                 false => unseen(t, p),
             };
             let own = sigma(status, posterior[k], spread.at(a, b));
-            (own.hypot(unresolved[i * size + j]), status)
+            let unresolved = unresolved[i * size + j];
+            (
+                (own * own + unresolved * unresolved + others[k]).sqrt(),
+                status,
+            )
         })
         .collect();
     let mut grid = GridValues {
@@ -289,6 +304,8 @@ struct Fitted {
     bound: f64,
     /// The part of it that is the size allowed by ε to what no sample sees.
     unseen: f64,
+    /// Variance of each part by the other errors.
+    others: f64,
 }
 
 impl Fitted {
@@ -312,6 +329,7 @@ struct Expected {
 fn coefficients(
     fit: &Fit,
     coarse: &Fit,
+    followed: &Mat<f64>,
     order: usize,
     unsmoothed: &Unsmoothed,
     reach: &Reach,
@@ -324,6 +342,8 @@ fn coefficients(
             let pairs = columns.col(j).iter().zip(&fit.posterior.mean);
             pairs.map(|(w, x)| w * x).sum()
         };
+        let moved = columns.transpose() * followed;
+        let others = |j: usize| moved.row(j).squared_norm_l2();
         posterior
             .chunks_exact(2)
             .zip(bounds.chunks_exact(2))
@@ -335,6 +355,7 @@ fn coefficients(
                     posterior: [posterior[0], posterior[1]],
                     bound,
                     unseen,
+                    others: spectrum::of_parts(others(2 * k), others(2 * k + 1)),
                 }
             })
             .collect()
@@ -375,7 +396,7 @@ fn coefficients(
                 p,
                 q,
                 value: fitted.value,
-                sigma: sigma(status, 1.0, own),
+                sigma: sigma(status, 1.0, own).hypot(fitted.others.sqrt()),
                 bound,
                 status,
             }

@@ -8,10 +8,14 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::planted::*;
 use crate::angle::{WorldAngle, wrap};
+use crate::fourier::Series;
 use crate::grid::Grid;
 use crate::light_field::{Samples, Systematic};
 use crate::lighting::{Lighting, Status};
-use crate::recover::brdf::{BrdfEstimate, Options, recover, recover_with};
+use crate::recover::brdf::{
+    BrdfEstimate, LightError, Options, recover, recover_under, recover_with,
+};
+use num_complex::Complex64;
 
 /// Samples as a capture gives them: `views` even views, `locals` columns, one α per view and column.
 fn captured(
@@ -245,4 +249,48 @@ fn seventy_two_views_give_the_slice_to_a_percent() {
         &recover(&captured(planted, &suns, 72, 90, 2e-3), &suns, &options).unwrap(),
     );
     assert!(error < 0.03, "{error}");
+}
+
+#[test]
+fn errors_of_the_light_are_in_the_error_bars() {
+    // One error of the light, one standard deviation long: the suns a little broader, or turned.
+    let planted = Planted::Phong(16.0);
+    let light = lighting(Light::TwoSuns);
+    let (options, _) = small();
+    let samples = captured(planted, &light, 72, 60, 1e-3);
+    let frequencies: Vec<usize> = (1..=20).collect();
+    for (broader, turned) in [(1e-3, 0.0), (0.0, 3e-3), (5e-4, -1e-3)] {
+        let mut wrong = light.clone();
+        let mut off = Series::zero(20);
+        for &p in &frequencies {
+            let l = light.series(0, 20).get(p as i64);
+            let p = p as f64;
+            off.coefficients[p as usize] =
+                l * Complex64::new(-broader * p * p, -turned * p) / (1.0 + (p / 10.0).powi(4));
+        }
+        wrong.smooth = vec![off.clone()];
+        let parts: Vec<f64> = frequencies
+            .iter()
+            .flat_map(|&p| [off.get(p as i64).re, off.get(p as i64).im])
+            .collect();
+        let error = LightError {
+            frequencies: frequencies.clone(),
+            covariance: parts
+                .iter()
+                .flat_map(|a| parts.iter().map(move |b| a * b))
+                .collect(),
+        };
+        let right = recover(&samples, &light, &options).unwrap();
+        let found = recover_under(&samples, &[], &wrong, &[error], &options).unwrap();
+        let blind = recover(&samples, &wrong, &options).unwrap();
+        let (mut moved, mut expected) = (0.0, 0.0);
+        for (_, _, k) in cells(found.size) {
+            let [r, f, b] = [&right, &found, &blind].map(|e| &e.slices[0]);
+            moved += (f.reciprocal[k] - r.reciprocal[k]).powi(2);
+            expected += f.sigma[k].powi(2) - b.sigma[k].powi(2);
+        }
+        // Where the fit notices that the light is wrong, all else is scaled up with the noise, which is little of this.
+        let ratio = (moved / expected).sqrt();
+        assert!((0.9..1.1).contains(&ratio), "{broader} {turned}: {ratio}");
+    }
 }
