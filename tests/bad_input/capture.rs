@@ -471,7 +471,7 @@ fn views() -> Vec<Case> {
         ),
         edited(
             "angle twice",
-            "orbit_deg = 29.999999999999996",
+            "orbit_deg = 30.0",
             "orbit_deg = 0.0",
             &[
                 ":28, view 1",
@@ -480,7 +480,7 @@ fn views() -> Vec<Case> {
         ),
         edited(
             "angle twice, a turn apart",
-            "orbit_deg = 29.999999999999996",
+            "orbit_deg = 30.0",
             "orbit_deg = 360.0",
             &["views 0 and 1 have the same orbit angle"],
         ),
