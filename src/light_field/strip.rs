@@ -109,47 +109,52 @@ impl Sums {
 
     fn any_fit(&self) -> Option<Fit> {
         let n = f64::from(self.count);
-        let [_, _, p2, _, p4] = self.powers;
+        let [_, p1, p2, _, p4] = self.powers;
         let k = PIXEL_VARIANCE;
         let (q2, q4) = (p2 + k * n, p4 + 2.0 * k * p2 + k * k * n);
-        let [v0, _, v2] = self.values;
+        let [v0, v1, v2] = self.values;
         let v2 = v2 + k * v0;
         match self.count {
             0 => None,
-            1 => Some(Fit {
+            1 => (p1.abs() <= 1.0).then_some(Fit {
                 value: v0,
                 gain: 1.0,
                 residual: 0.0,
                 freedom: 0,
             }),
             2..=4 => {
-                // 1 and t² only: two rows on one side or around the line still reach it.
-                let determinant = n * q4 - q2 * q2;
-                if determinant <= 1e-9 * n * q4 {
-                    let mean = v0 / n;
-                    let residual = (self.square - n * mean * mean).max(0.0);
-                    return Some(Fit {
-                        value: mean,
-                        gain: 1.0 / n,
-                        residual,
-                        freedom: self.count - 1,
-                    });
+                // 1 and t² only: rows on one side or around the line still reach it. Two rows around it are nearer to a line than to a parabola.
+                let even = line_through(self.count, [n, q2, q4], [v0, v2], self.square);
+                let straight = || line_through(self.count, [n, p1, p2], [v0, v1], self.square);
+                match self.count {
+                    2 => [even, straight()]
+                        .into_iter()
+                        .flatten()
+                        .min_by(|a, b| a.gain.total_cmp(&b.gain)),
+                    _ => even,
                 }
-                let (a, b) = (
-                    (q4 * v0 - q2 * v2) / determinant,
-                    (n * v2 - q2 * v0) / determinant,
-                );
-                let residual = (self.square - a * v0 - b * v2).max(0.0);
-                Some(Fit {
-                    value: a,
-                    gain: q4 / determinant,
-                    residual,
-                    freedom: self.count - 2,
-                })
             }
             _ => self.curve().map(|(_, fit)| fit),
         }
     }
+}
+
+/// The fit of `count` values by 1 and one x, at x = 0: from \[n, Σx, Σx²\], \[Σv, Σvx\] and Σv². `None` where all x are the same.
+fn line_through(count: u32, [n, x, xx]: [f64; 3], [v, vx]: [f64; 2], square: f64) -> Option<Fit> {
+    let determinant = n * xx - x * x;
+    if determinant <= 1e-9 * n * xx {
+        return None;
+    }
+    let (a, b) = (
+        (xx * v - x * vx) / determinant,
+        (n * vx - x * v) / determinant,
+    );
+    Some(Fit {
+        value: a,
+        gain: xx / determinant,
+        residual: (square - a * v - b * vx).max(0.0),
+        freedom: count - 2,
+    })
 }
 
 /// Columns that are summed at a time: their sums stay in registers, and a row of them is part of one cache line.
@@ -539,10 +544,23 @@ mod tests {
     }
 
     #[test]
+    fn two_rows_tell_what_lies_between_them() {
+        let slope = 0.03;
+        let image = image(2, |_, y| 1.0 + slope * y);
+        for line in [0.55, 0.7, 0.9, 0.95, 1.0, 1.05, 1.3, 1.45] {
+            let found = along_rows(&image, 0..32, |_| (line, 1.0));
+            // Nearer to a row than a quarter of a pixel a parabola knows as much, and its vertex is not on the line.
+            let miss = found.value[0][3] - (1.0 + slope * line);
+            assert!(miss.abs() < slope / 8.0, "{line}: {miss}");
+            assert!(found.variance[0][3].is_finite(), "{line}");
+        }
+    }
+
+    #[test]
     fn rows_to_one_side_are_not_taken_to_the_line() {
         // Of a column most rows are clipped, all but the lowest ones; from the seventh on they lie on both sides of the line.
         let whole = image(12, |x, y| 1.0 + 0.01 * x - 0.004 * (y - 6.0).powi(2));
-        for left in [2, 3, 5, 6, 7, 9, 12] {
+        for left in [1, 2, 3, 5, 6, 7, 9, 12] {
             let mut clipped = whole.clone();
             for row in 0..12 - left {
                 clipped.variance[0][row * 32 + 20] = f32::INFINITY;
