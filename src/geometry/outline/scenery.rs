@@ -27,7 +27,9 @@ impl Scenery {
     pub(super) fn behind(strip: &Strip, profile: &Profile, edge: &Edge, blur: f64) -> Self {
         let background = Background::new(edge, strip, blur);
         let mut noise = 0.0;
-        let mut moves = vec![Some(0.0); SHIFTS];
+        let mut pulls = 0.0;
+        // By displacement: Σ pull · value, Σ value, number of pixels.
+        let mut sums = vec![Some([0.0; 3]); SHIFTS];
         for line in &strip.lines {
             let last = (edge.depth + background.reach - line.first).floor();
             for k in (0..=last.max(0.0) as usize).rev().take(2 * OUTSIDE) {
@@ -41,21 +43,25 @@ impl Scenery {
                     continue;
                 }
                 noise += pull * pull * variance;
-                for (shift, sum) in moves.iter_mut().enumerate() {
+                pulls += pull;
+                for (shift, sums) in sums.iter_mut().enumerate() {
                     // From there on nothing of the object is seen.
                     let clear = (2.0 * background.reach).ceil() as usize + shift;
                     let seen = k.checked_sub(clear).and_then(|at| {
                         let known = line.variance.get(at)?.is_finite();
                         known.then(|| line.value.get(at)).flatten()
                     });
-                    *sum = sum
-                        .zip(seen)
-                        .map(|(sum, seen)| sum + pull * (f64::from(*seen) - edge.levels[0]));
+                    *sums = sums.zip(seen).map(|([by_pull, sum, count], seen)| {
+                        let seen = f64::from(*seen);
+                        [by_pull + pull * seen, sum + seen, count + 1.0]
+                    });
                 }
             }
         }
+        // A level background moves nothing.
+        let moved = |[by_pull, sum, count]: [f64; 3]| by_pull - pulls * sum / count.max(1.0);
         Self {
-            moves,
+            moves: sums.into_iter().map(|sums| sums.map(moved)).collect(),
             noise,
             known: 0.0,
         }
