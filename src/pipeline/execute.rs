@@ -277,11 +277,11 @@ impl Task<'_> {
         drop(widened);
         clock.lap("factorisation");
         self.progress.step();
-        // The slice under the light that is determined, from what that light did.
-        let light = joint::determined_light(&found);
+        // The slice under the light that is known, from what that light did.
+        let light = joint::known_light(&found);
         let systematics = &self.measured.systematics;
         let corrected = joint::corrected(&found, samples, systematics);
-        let (part, widened) = joint::determined_part(&found, &corrected);
+        let (part, widened) = joint::known_part(&found, &corrected);
         drop(corrected);
         let open = joint::open_systematics(&found, samples, systematics);
         let mut options = material::options(&recipe.recovery)?;
