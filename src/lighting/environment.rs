@@ -221,6 +221,14 @@ const WIDTH: usize = 1440;
 /// # Errors
 /// If the file cannot be written.
 pub fn write_lat_long(file: &Path, lighting: &Lighting) -> Result<()> {
+    files::write_whole(file, &lat_long(lighting).map_err(|e| e.file(file))?)
+}
+
+/// The bytes that [`write_lat_long`] writes.
+///
+/// # Errors
+/// If the exr crate cannot encode them.
+pub fn lat_long(lighting: &Lighting) -> Result<Vec<u8>> {
     let step = PI / (HEIGHT - 1) as f64;
     // ∫ (1 − |ε|/h) cos² ε dε over |ε| ≤ h: half of it is h, the other half, of cos 2ε, sin²h/h.
     let band = 0.5 * (step + step.sin().powi(2) / step);
@@ -270,9 +278,8 @@ pub fn write_lat_long(file: &Path, lighting: &Lighting) -> Result<()> {
         attributes,
         rle_lines::ENCODING,
     );
-    let bytes =
-        rle_lines::encode([layer].into_iter().collect()).map_err(|e| Error::write(file, e))?;
-    files::write_whole(file, &bytes)
+    rle_lines::encode([layer].into_iter().collect())
+        .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))
 }
 
 /// Writes 32-bit planes of `size` (width, height), one per channel, as one EXR file, whole or not at

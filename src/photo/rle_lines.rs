@@ -27,6 +27,8 @@ pub(crate) const ENCODING: Encoding = Encoding {
 const SHORTEST: usize = 3;
 const LONGEST: usize = 128;
 const STRETCH: usize = 127;
+/// Bytes that are looked at together.
+const TOGETHER: usize = 32;
 
 /// The bytes of an EXR file with these layers, whose encoding is [`ENCODING`] and whose planes are floats.
 ///
@@ -132,16 +134,31 @@ impl Line {
 /// Packs bytes: a count less 1 and a byte that comes so many times, or a negative count and so many bytes.
 fn runs(bytes: &[u8], packed: &mut Vec<u8>) {
     // Where a run begins from `at` on, and how long it is.
-    let next = |at: usize| {
+    let next = |mut at: usize| {
+        // Without a branch for each, so that many are compared at once.
+        while let Some(some) = bytes.get(at..at + TOGETHER + SHORTEST - 1) {
+            let alike = |k: usize| (some[k] == some[k + 1]) & (some[k + 1] == some[k + 2]);
+            if (0..TOGETHER).fold(false, |any, k| any | alike(k)) {
+                break;
+            }
+            at += TOGETHER;
+        }
         let start = bytes[at..]
             .windows(SHORTEST)
             .position(|w| w[0] == w[1] && w[1] == w[2])
             .map_or(bytes.len(), |found| at + found);
-        let length = match bytes.get(start) {
-            None => 0,
-            Some(first) => bytes[start..].iter().take_while(|b| *b == first).count(),
+        let Some(first) = bytes.get(start) else {
+            return (start, 0);
         };
-        (start, length)
+        let mut end = start;
+        while let Some(some) = bytes.get(end..end + TOGETHER) {
+            if some.iter().fold(false, |other, b| other | (b != first)) {
+                break;
+            }
+            end += TOGETHER;
+        }
+        end += bytes[end..].iter().take_while(|b| *b == first).count();
+        (start, end - start)
     };
     let mut at = 0;
     while at < bytes.len() {

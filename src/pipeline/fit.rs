@@ -235,14 +235,14 @@ pub fn predict(
         .collect())
 }
 
-/// Measured minus predicted; `predicted` is \[channel\]\[column\]\[row\].
-pub fn subtract(measured: &LightField, predicted: &[Vec<Vec<f64>>]) -> LightField {
+/// Measured minus predicted; `predicted` is \[channel\]\[column\]\[n\] for the samples `cells` of the field.
+pub fn subtract(measured: &LightField, cells: &Samples, predicted: &[Vec<Vec<f64>>]) -> LightField {
     let mut residual = measured.clone();
     let grid = measured.grid;
     for (c, mean) in residual.mean.iter_mut().enumerate() {
-        for (j, column) in predicted[c].iter().enumerate() {
-            for (i, value) in column.iter().enumerate() {
-                let at = grid.index(i, j);
+        for (j, (column, predicted)) in cells.columns.iter().zip(&predicted[c]).enumerate() {
+            for (&row, value) in column.view.iter().zip(predicted) {
+                let at = grid.index(row as usize, j);
                 if residual.weight[c][at] > 0.0 {
                     mean[at] -= *value as f32;
                 }

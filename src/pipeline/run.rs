@@ -119,15 +119,13 @@ fn nothing_seen() -> LightField {
 
 /// Bytes as text, two hexadecimal digits each.
 mod hexadecimal {
-    use std::fmt::Write as _;
-
     use serde::{Deserialize as _, Deserializer, Serializer};
 
     pub fn serialize<S: Serializer>(bytes: &[u8], to: S) -> Result<S::Ok, S::Error> {
+        let digit = |value: u8| char::from(b"0123456789abcdef"[usize::from(value & 15)]);
+        let digits = bytes.iter().flat_map(|b| [digit(b >> 4), digit(*b)]);
         let mut text = String::with_capacity(2 * bytes.len());
-        for byte in bytes {
-            let _ = write!(text, "{byte:02x}");
-        }
+        text.extend(digits);
         to.serialize_str(&text)
     }
 

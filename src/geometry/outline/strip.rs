@@ -47,21 +47,30 @@ pub(super) fn cut(
         return Vec::new();
     };
     let mut strips = Vec::new();
+    let mut last = [None; 2];
     for band in bands(rows) {
-        for side in Side::BOTH {
+        for (side, last) in Side::BOTH.into_iter().zip(&mut last) {
+            // From row to row the limb moves little.
+            let mut limb = |row: f64| -> Option<f64> {
+                *last = match *last {
+                    Some(near) => predicted.limb_at_row_near(near, row, side),
+                    None => predicted.limb_at_row(row, side),
+                };
+                *last
+            };
             let lines: Vec<Line> = band
                 .iter()
-                .filter_map(|row| line(radiance, predicted, *row, side, reach))
+                .filter_map(|row| {
+                    let limb = limb(f64::from(*row) + 0.5)?;
+                    line(radiance, limb, *row, side, reach)
+                })
                 .collect();
             let (Some(a), Some(b)) = (lines.first(), lines.last()) else {
                 continue;
             };
             let row = 0.5 * (a.row + b.row);
             let step = 2.0;
-            let lean = match (
-                predicted.limb_at_row(row - step, side),
-                predicted.limb_at_row(row + step, side),
-            ) {
+            let lean = match (limb(row - step), limb(row + step)) {
                 (Some(above), Some(below)) => (below - above) / (2.0 * step),
                 _ => 0.0,
             };
@@ -110,15 +119,8 @@ fn bands(rows: Range<u32>) -> Vec<Vec<u32>> {
         .collect()
 }
 
-fn line(
-    radiance: &Radiance,
-    predicted: &ViewGeometry,
-    row: u32,
-    side: Side,
-    reach: f64,
-) -> Option<Line> {
+fn line(radiance: &Radiance, limb: f64, row: u32, side: Side, reach: f64) -> Option<Line> {
     let centre = f64::from(row) + 0.5;
-    let limb = predicted.limb_at_row(centre, side)?;
     let width = radiance.size[0] as usize;
     let offset = row.checked_sub(radiance.rows.start)? as usize * width;
     let length = (2.0 * reach) as usize;
