@@ -253,7 +253,7 @@ pub fn subtract(measured: &LightField, cells: &Samples, predicted: &[Vec<Vec<f64
 }
 
 /// Measured minus predicted for each photo's strip: a row per view, a column per θo′.
-pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part {
+pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part<'static> {
     let (width, height) = (measured.samples.columns.len(), measured.views.len());
     let mut planes = Vec::new();
     for (c, name) in measured.samples.channels.iter().enumerate() {
@@ -268,8 +268,8 @@ pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part {
                 }
             }
         }
-        planes.push((format!("residual.{name}"), residual));
-        planes.push((format!("weight.{name}"), weight));
+        planes.push((format!("residual.{name}"), residual.into()));
+        planes.push((format!("weight.{name}"), weight.into()));
     }
     Part {
         name: "photos".into(),

@@ -16,7 +16,7 @@ use super::{brdf_products, material, record};
 use crate::brdf::fit::BrdfModels;
 use crate::error::{Error, Result};
 use crate::files::{self, Claim, STAGING};
-use crate::light_field::encode;
+use crate::light_field::{Part, encode};
 use crate::lighting::{SpectrumRow, environment::lat_long, spectrum_csv, values_csv};
 use crate::recover::Status;
 use crate::recover::brdf::{BrdfEstimate, Slice};
@@ -62,7 +62,7 @@ pub fn products<'a>(run: &'a Run, page: &'a Page<'a>) -> Vec<Product<'a>> {
             Ok(run.capture_toml.clone().into_bytes())
         }),
         Product::new("light_field.exr", move || {
-            encode(vec![run.light_field.part("light field")])
+            encode(&[run.light_field.part("light field")])
         }),
     ];
     if let Some(lighting) = &run.lighting {
@@ -79,8 +79,8 @@ pub fn products<'a>(run: &'a Run, page: &'a Page<'a>) -> Vec<Product<'a>> {
     if let Some(residual) = &run.residual {
         products.push(Product::new("residual.exr", move || {
             let mut parts = vec![residual.part("light field")];
-            parts.extend(run.view_residual.clone());
-            encode(parts)
+            parts.extend(run.view_residual.iter().map(Part::borrowed));
+            encode(&parts)
         }));
     }
     products
@@ -94,7 +94,7 @@ fn brdf_products(brdf: &BrdfEstimate) -> Vec<Product<'_>> {
         Product::new("brdf_spectrum.csv", move || {
             Ok(brdf_products::spectrum_csv(brdf).into_bytes())
         }),
-        Product::new("brdf.exr", move || encode(vec![brdf_products::image(brdf)])),
+        Product::new("brdf.exr", move || encode(&[brdf_products::image(brdf)])),
     ]
 }
 

@@ -31,7 +31,7 @@ pub struct Recovered {
     /// As in [`Run`].
     pub residual: Option<LightField>,
     /// As in [`Run`].
-    pub view_residual: Option<Part>,
+    pub view_residual: Option<Part<'static>>,
     /// As in [`Run`].
     pub fit: Vec<FitQuality>,
     /// As in [`Run`].
@@ -86,7 +86,7 @@ pub struct Run {
     pub residual: Option<LightField>,
     /// Measured minus predicted for each photo's strip, a row per view.
     #[serde(skip)]
-    pub view_residual: Option<Part>,
+    pub view_residual: Option<Part<'static>>,
     /// How well the recovery explains the samples, per channel; empty without one.
     pub fit: Vec<FitQuality>,
     /// The recovered lighting.

@@ -13,6 +13,8 @@ const BANDS: usize = 8;
 /// A sphere's rows are used up to this many radii above and below its centre, where the limb crosses
 /// a row at 45°: beyond, it is too slanted to be located along the row.
 const SPHERE_REACH: f64 = 0.7;
+/// Up to so many values are sorted pair by pair for their median.
+const FEW: usize = 8;
 
 /// Brightness about one side's predicted limb, along the rows of one band.
 pub(super) struct Strip {
@@ -281,5 +283,15 @@ impl Strip {
 
 fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
+    if values.len() > FEW {
+        return Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1);
+    }
+    // A few are sorted without a branch that depends on them: every one is as often less as not. Zeros are all the same here.
+    for end in 1..values.len() {
+        for k in (0..end).rev() {
+            let (a, b) = (values[k], values[k + 1]);
+            (values[k], values[k + 1]) = (a.min(b), a.max(b));
+        }
+    }
+    values.get(middle).copied()
 }
