@@ -8,6 +8,7 @@
 use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 
 use super::dust;
 use crate::radiance::Radiance;
@@ -253,48 +254,59 @@ pub fn along_rows(
     let channels = radiance.channels.len();
     let width = radiance.size[0] as usize;
     let lines: Vec<(f64, f64)> = columns.clone().map(&line).collect();
-    let mut sums = vec![Sums::default(); columns.len() * channels];
-    for c in 0..channels {
-        let (values, variances) = (&radiance.value[c], &radiance.variance[c]);
-        for (block, lines) in lines.chunks(LANES).enumerate() {
-            let first = block * LANES;
-            let rows = rows_within(radiance, lines);
-            let at = (rows.start - radiance.rows.start) as usize * width + columns.start + first;
-            let found = pulp::Arch::new().dispatch(ColumnSums {
-                lines,
-                rows,
-                values: values.get(at..).unwrap_or(&[]),
-                variances: variances.get(at..).unwrap_or(&[]),
-                width,
-            });
-            for (k, found) in found.into_iter().enumerate().take(lines.len()) {
-                sums[(first + k) * channels + c] = found;
+    // By channel; a few views are read before all others, and then processors are free.
+    let of_channels: Vec<Fitted> = (0..channels)
+        .into_par_iter()
+        .map(|c| {
+            let (values, variances) = (&radiance.value[c], &radiance.variance[c]);
+            let mut sums = Vec::with_capacity(lines.len());
+            for (block, lines) in lines.chunks(LANES).enumerate() {
+                let first = columns.start + block * LANES;
+                let rows = rows_within(radiance, lines);
+                let at = (rows.start - radiance.rows.start) as usize * width + first;
+                let found = pulp::Arch::new().dispatch(ColumnSums {
+                    lines,
+                    rows,
+                    values: values.get(at..).unwrap_or(&[]),
+                    variances: variances.get(at..).unwrap_or(&[]),
+                    width,
+                });
+                sums.extend_from_slice(&found[..lines.len()]);
             }
-        }
+            let fits = sums.iter().map(Sums::fit).collect();
+            let mut fitted = Fitted { sums, fits };
+            fitted.leave_dust_out(radiance, c, columns.start, &lines);
+            fitted
+        })
+        .collect();
+    let mut all = Stations::unseen(lines.len(), channels);
+    for (c, fitted) in of_channels.iter().enumerate() {
+        fitted.read(radiance.noise_known, c, &mut all);
     }
-    let mut fits: Vec<Option<Fit>> = sums.iter().map(Sums::fit).collect();
-    leave_dust_out(radiance, columns.start, &lines, &mut sums, &mut fits);
-    stations(&sums, &fits, channels, radiance.noise_known)
+    all
 }
 
-/// Replaces the sums and fits of stations some of whose rows are off; `lines` and `sums` as in
-/// [`along_rows`], from image column `first` on.
-fn leave_dust_out(
-    radiance: &Radiance,
-    first: usize,
-    lines: &[(f64, f64)],
-    sums: &mut [Sums],
-    fits: &mut [Option<Fit>],
-) {
-    let channels = radiance.channels.len();
-    let width = radiance.size[0] as usize;
-    let mut rows = dust::Rows::default();
-    for c in 0..channels {
-        let scatter: Vec<Option<[f64; 2]>> = sums
+/// The stations of one channel: sums over their rows, and the fits of these.
+struct Fitted {
+    sums: Vec<Sums>,
+    fits: Vec<Option<Fit>>,
+}
+
+impl Fitted {
+    /// Replaces the sums and fits of stations some of whose rows are off; `lines` as in [`along_rows`], from image column `first` on.
+    fn leave_dust_out(
+        &mut self,
+        radiance: &Radiance,
+        channel: usize,
+        first: usize,
+        lines: &[(f64, f64)],
+    ) {
+        let width = radiance.size[0] as usize;
+        let mut rows = dust::Rows::default();
+        let scatter: Vec<Option<[f64; 2]>> = self
+            .sums
             .iter()
-            .zip(fits.iter())
-            .skip(c)
-            .step_by(channels)
+            .zip(&self.fits)
             .map(|(s, fit)| {
                 let fit = fit.filter(|fit| fit.freedom >= dust::LEAST_FREEDOM)?;
                 Some([
@@ -303,28 +315,69 @@ fn leave_dust_out(
                 ])
             })
             .collect();
-        let values = fits.iter().skip(c).step_by(channels).flatten();
+        let values = self.fits.iter().flatten();
         let largest = values.map(|fit| fit.value.abs()).fold(0.0, f64::max);
         for k in dust::suspicious(&scatter, largest) {
             let (height, reach) = lines[k];
             let near = rows_within(radiance, &lines[k..=k]);
             let at = (near.start - radiance.rows.start) as usize * width + first + k;
-            let [values, variances] = [&radiance.value[c], &radiance.variance[c]].map(|plane| {
-                plane
-                    .get(at..)
-                    .unwrap_or(&[])
-                    .iter()
-                    .copied()
-                    .step_by(width)
-            });
+            let [values, variances] =
+                [&radiance.value[channel], &radiance.variance[channel]].map(|plane| {
+                    let from = plane.get(at..).unwrap_or(&[]);
+                    from.iter().copied().step_by(width)
+                });
             let count = near.len();
             rows.take(near.start, [height, reach], values.take(count), variances);
             if let Some(kept) = rows.without_dust() {
-                sums[k * channels + c] = kept;
-                fits[k * channels + c] = kept.fit();
+                self.sums[k] = kept;
+                self.fits[k] = kept.fit();
             }
         }
     }
+
+    /// The stations of channel `c`; where the noise is not known it is taken from the rows' scatter about the
+    /// fit, pooled over neighbouring stations, and the file's quantisation (which rows share) is added in full.
+    fn read(&self, noise_known: bool, c: usize, all: &mut Stations) {
+        let pooled = |of: fn(&Fit) -> f64| -> Vec<f64> {
+            let each: Vec<f64> = self
+                .fits
+                .iter()
+                .map(|f| f.as_ref().map_or(0.0, of))
+                .collect();
+            let near = |k: usize| &each[k.saturating_sub(POOL)..(k + POOL + 1).min(each.len())];
+            (0..each.len()).map(|k| side_by_side(near(k))).collect()
+        };
+        let (residual, freedom) = match noise_known {
+            true => (Vec::new(), Vec::new()),
+            false => (
+                pooled(|fit| fit.residual),
+                pooled(|fit| f64::from(fit.freedom)),
+            ),
+        };
+        for (k, (sums, fit)) in self.sums.iter().zip(&self.fits).enumerate() {
+            let Some(fit) = fit else { continue };
+            let mean_pixel = sums.variance / f64::from(sums.count);
+            all.value[c][k] = fit.value;
+            all.pixels[k] = all.pixels[k].max(sums.count);
+            all.variance[c][k] = if noise_known {
+                fit.gain * mean_pixel
+            } else {
+                fit.gain * residual[k] / freedom[k].max(1.0) + mean_pixel
+            };
+        }
+    }
+}
+
+/// The sum of some values, four by four.
+fn side_by_side(values: &[f64]) -> f64 {
+    let (fours, rest) = values.as_chunks::<4>();
+    let mut sums = [0.0; 4];
+    for four in fours {
+        for (sum, value) in sums.iter_mut().zip(four) {
+            *sum += value;
+        }
+    }
+    sums.iter().chain(rest).sum()
 }
 
 /// How far (pixels) along the line a station of [`along_line`] has parts of pixels.
@@ -433,35 +486,6 @@ fn near_line(
     let first = column(low).floor() as usize;
     let last = (column(high).ceil() as usize + 1).min(columns.end);
     first..last.max(first)
-}
-
-/// From sums to stations; where the noise is not known it is taken from the rows' scatter about the
-/// fit, pooled over neighbouring stations, and the file's quantisation (which rows share) is added in full.
-fn stations(sums: &[Sums], fits: &[Option<Fit>], channels: usize, noise_known: bool) -> Stations {
-    let length = sums.len() / channels.max(1);
-    let mut all = Stations::unseen(length, channels);
-    for k in 0..length {
-        for c in 0..channels {
-            let at = k * channels + c;
-            let Some(fit) = &fits[at] else { continue };
-            let mean_pixel = sums[at].variance / f64::from(sums[at].count);
-            all.value[c][k] = fit.value;
-            all.pixels[k] = all.pixels[k].max(sums[at].count);
-            all.variance[c][k] = if noise_known {
-                fit.gain * mean_pixel
-            } else {
-                let (mut residual, mut freedom) = (0.0, 0);
-                for near in k.saturating_sub(POOL)..(k + POOL + 1).min(length) {
-                    if let Some(fit) = &fits[near * channels + c] {
-                        residual += fit.residual;
-                        freedom += fit.freedom;
-                    }
-                }
-                fit.gain * residual / f64::from(freedom.max(1)) + mean_pixel
-            };
-        }
-    }
-    all
 }
 
 #[cfg(test)]

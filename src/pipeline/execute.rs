@@ -163,12 +163,12 @@ impl Task<'_> {
         let estimate =
             lighting::recover_with(samples, &self.measured.systematics, &material, &options)?;
         clock.lap("lighting");
-        let grid = self.measured.field.samples();
-        let predicted = lighting::predict_all(&estimate, &material, &[&grid, samples]);
+        let cells = self.measured.field.samples();
+        let predicted = lighting::predict_all(&estimate, &material, &[&cells, samples]);
         let [on_grid, on_samples] = predicted.as_slice() else {
             return Err(Error::failed("the prediction is incomplete"));
         };
-        let mut recovered = self.residuals(on_grid, on_samples);
+        let mut recovered = self.residuals((&cells, on_grid), on_samples);
         for (c, fit) in recovered.fit.iter_mut().enumerate() {
             fit.judge_lighting(material::reflects_diffusely(&material, c));
         }
@@ -213,9 +213,10 @@ impl Task<'_> {
         clock.lap("BRDF");
         self.progress.step();
         let slice = material::as_material(&estimate)?;
-        let on_grid = fit::predict(&light, &slice, &self.measured.field.samples())?;
+        let cells = self.measured.field.samples();
+        let on_grid = fit::predict(&light, &slice, &cells)?;
         let on_samples = fit::predict(&light, &slice, samples)?;
-        let mut recovered = self.residuals(&on_grid, &on_samples);
+        let mut recovered = self.residuals((&cells, &on_grid), &on_samples);
         let together = coherence::factors(samples, &on_samples);
         for (slice, factor) in estimate.slices.iter_mut().zip(together) {
             if slice.noise > coherence::MISFIT {
@@ -296,13 +297,10 @@ impl Task<'_> {
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");
         let slice = material::as_material(&estimate)?;
-        let on_grid = fit::predict(
-            &joint::light(&found),
-            &slice,
-            &self.measured.field.samples(),
-        )?;
+        let cells = self.measured.field.samples();
+        let on_grid = fit::predict(&joint::light(&found), &slice, &cells)?;
         let on_samples = fit::predict(&joint::light(&found), &slice, samples)?;
-        let mut recovered = self.residuals(&on_grid, &on_samples);
+        let mut recovered = self.residuals((&cells, &on_grid), &on_samples);
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         for (fit, channel) in recovered.fit.iter_mut().zip(&found.channels) {
             fit.judge_reciprocity(channel.violation);
@@ -345,12 +343,25 @@ impl Task<'_> {
         Ok(recovered)
     }
 
-    /// Residuals and verdicts of predictions for the grid and for the samples.
-    fn residuals(&self, on_grid: &[Vec<Vec<f64>>], on_samples: &[Vec<Vec<f64>>]) -> Recovered {
+    /// Residuals and verdicts of predictions for the grid's cells and for the samples.
+    fn residuals(
+        &self,
+        (cells, on_grid): (&Samples, &[Vec<Vec<f64>>]),
+        on_samples: &[Vec<Vec<f64>>],
+    ) -> Recovered {
+        let (fit, (residual, view_residual)) = rayon::join(
+            || fit::quality(&self.measured.samples, on_samples),
+            || {
+                rayon::join(
+                    || fit::subtract(&self.measured.field, cells, on_grid),
+                    || fit::by_view(self.measured, on_samples),
+                )
+            },
+        );
         Recovered {
-            residual: Some(fit::subtract(&self.measured.field, on_grid)),
-            view_residual: Some(fit::by_view(self.measured, on_samples)),
-            fit: fit::quality(&self.measured.samples, on_samples),
+            residual: Some(residual),
+            view_residual: Some(view_residual),
+            fit,
             ..Recovered::default()
         }
     }

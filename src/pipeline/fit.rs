@@ -250,14 +250,14 @@ pub fn predict(
         .collect())
 }
 
-/// Measured minus predicted; `predicted` is \[channel\]\[column\]\[row\].
-pub fn subtract(measured: &LightField, predicted: &[Vec<Vec<f64>>]) -> LightField {
+/// Measured minus predicted; `predicted` is \[channel\]\[column\]\[n\] for the samples `cells` of the field.
+pub fn subtract(measured: &LightField, cells: &Samples, predicted: &[Vec<Vec<f64>>]) -> LightField {
     let mut residual = measured.clone();
     let grid = measured.grid;
     for (c, mean) in residual.mean.iter_mut().enumerate() {
-        for (j, column) in predicted[c].iter().enumerate() {
-            for (i, value) in column.iter().enumerate() {
-                let at = grid.index(i, j);
+        for (j, (column, predicted)) in cells.columns.iter().zip(&predicted[c]).enumerate() {
+            for (&row, value) in column.view.iter().zip(predicted) {
+                let at = grid.index(row as usize, j);
                 if residual.weight[c][at] > 0.0 {
                     mean[at] -= *value as f32;
                 }
@@ -268,7 +268,7 @@ pub fn subtract(measured: &LightField, predicted: &[Vec<Vec<f64>>]) -> LightFiel
 }
 
 /// Measured minus predicted for each photo's strip: a row per view, a column per θo′.
-pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part {
+pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part<'static> {
     let (width, height) = (measured.samples.columns.len(), measured.views.len());
     let mut planes = Vec::new();
     for (c, name) in measured.samples.channels.iter().enumerate() {
@@ -283,8 +283,8 @@ pub fn by_view(measured: &Measured, predicted: &[Vec<Vec<f64>>]) -> Part {
                 }
             }
         }
-        planes.push((format!("residual.{name}"), residual));
-        planes.push((format!("weight.{name}"), weight));
+        planes.push((format!("residual.{name}"), residual.into()));
+        planes.push((format!("weight.{name}"), weight.into()));
     }
     Part {
         name: "photos".into(),
