@@ -4,6 +4,8 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
+
 use super::file::file;
 use super::path::{inside, is_file_in};
 use super::table::Section;
@@ -159,9 +161,14 @@ fn matching(pattern: &str, folder: &Path) -> std::result::Result<Vec<PathBuf>, S
                 relative.display()
             ));
         }
-        is_file_in(folder, &relative)?;
         files.push(relative);
     }
+    // Each is looked at folder by folder.
+    let looks: Vec<_> = files
+        .par_iter()
+        .map(|file| is_file_in(folder, file))
+        .collect();
+    looks.into_iter().collect::<std::result::Result<(), _>>()?;
     if files.is_empty() {
         return Err(format!(
             "expected files like \"{}\", found none{}",

@@ -9,7 +9,7 @@ mod whole;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use crate::error::{Error, Result};
@@ -165,22 +165,52 @@ impl Seek for Input {
     }
 }
 
+/// A file that is written and may not be on the disk yet.
+#[derive(Debug)]
+pub struct Unflushed {
+    file: File,
+    path: PathBuf,
+}
+
+impl Unflushed {
+    /// Forces it to the disk.
+    ///
+    /// # Errors
+    /// If it cannot be done.
+    pub fn flush(&self) -> Result<()> {
+        self.file.sync_all().map_err(|e| unwritten(&self.path, &e))
+    }
+}
+
 /// Writes a file and flushes it to the disk; for places where a file that is half there harms nobody.
 ///
 /// # Errors
 /// If it cannot be written.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let attempt = || -> io::Result<()> {
+    write_unflushed(path, bytes)?.flush()
+}
+
+/// The same but for the flush, which whoever has the time for it must do.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_unflushed(path: &Path, bytes: &[u8]) -> Result<Unflushed> {
+    let attempt = || -> io::Result<File> {
         call("create")?;
         let mut file = File::create(path)?;
         for piece in bytes.chunks(PIECE) {
             call("write")?;
             file.write_all(piece)?;
         }
+        // Here, so that the order of calls is that of the work, whoever flushes it.
         call("flush")?;
-        file.sync_all()
+        Ok(file)
     };
-    attempt().map_err(|e| unwritten(path, &e))
+    let file = attempt().map_err(|e| unwritten(path, &e))?;
+    Ok(Unflushed {
+        file,
+        path: path.to_path_buf(),
+    })
 }
 
 /// Renames a file within a file system, over another if there is one.

@@ -306,20 +306,31 @@ impl ViewGeometry {
             Shape::Sphere => u0,
         };
         let reach = self.radius * self.nominal_px_per_metre();
-        // Newton's method from outside, on a function that is convex there, comes in monotonically.
-        let mut u = u0 + side.sign() * 1.5 * reach;
-        let h = 1e-4 * reach;
-        for _ in 0..40 {
+        self.limb_from(u0 + side.sign() * 1.5 * reach, row, side)
+    }
+
+    /// The same in a fraction of the time, from a column near it, such as that in the row before.
+    pub fn limb_at_row_near(&self, near: f64, row: f64, side: Side) -> Option<f64> {
+        self.limb_from(near, row, side)
+            .or_else(|| self.limb_at_row(row, side))
+    }
+
+    fn limb_from(&self, start: f64, row: f64, side: Side) -> Option<f64> {
+        // Newton's method on a function that is convex about the limb: after the first step it comes in monotonically from outside.
+        let mut u = start;
+        let h = 1e-4 * self.radius * self.nominal_px_per_metre();
+        for iteration in 0..40 {
             let miss = self.miss([u, row]);
             let slope = (self.miss([u + h, row]) - self.miss([u - h, row])) / (2.0 * h);
             let step = miss / slope;
             if !step.is_finite() || slope * side.sign() <= 0.0 {
                 return None;
             }
-            u -= step;
             if step.abs() < 1e-9 {
-                return Some(u);
+                // Of an upright limb all rows have the same column, to the last bit.
+                return Some(if iteration == 0 { u } else { u - step });
             }
+            u -= step;
         }
         None
     }

@@ -1,6 +1,8 @@
 //! The gridded light field: mean, σ and weight per cell.
 
-use super::Samples;
+use rayon::prelude::*;
+
+use super::{Column, Samples};
 use crate::grid::Grid;
 
 /// B(α, θo′) on a grid, as `light_field.exr` holds it.
@@ -32,32 +34,37 @@ impl LightField {
         }
     }
 
-    /// The cells as samples at their centres; cells that were never seen are missing.
+    /// The cells that any channel has seen, as samples at their centres; their `view` is the cell's row.
     pub fn samples(&self) -> Samples {
-        let value: Vec<Vec<f64>> = self
-            .mean
-            .iter()
-            .map(|m| m.iter().map(|&v| f64::from(v)).collect())
-            .collect();
-        let variance: Vec<Vec<f64>> = self
-            .sigma
-            .iter()
-            .zip(&self.weight)
-            .map(|(sigma, weight)| {
-                sigma
-                    .iter()
-                    .zip(weight)
-                    .map(|(s, w)| {
-                        if *w > 0.0 {
-                            f64::from(*s).powi(2)
-                        } else {
-                            f64::INFINITY
-                        }
-                    })
-                    .collect()
-            })
-            .collect();
-        Samples::from_grid(self.grid, self.channels.clone(), &value, &variance)
+        let column = |j: usize| {
+            let seen = |i: &usize| {
+                let at = self.grid.index(*i, j);
+                self.weight.iter().any(|weight| weight[at] > 0.0)
+            };
+            let rows: Vec<usize> = (0..self.grid.normals).filter(seen).collect();
+            let pick = |c: usize, of: &dyn Fn(usize, usize) -> f64| -> Vec<f64> {
+                rows.iter().map(|&i| of(c, self.grid.index(i, j))).collect()
+            };
+            let channels = 0..self.channels.len();
+            let variance = |c: usize, at: usize| match self.weight[c][at] > 0.0 {
+                true => f64::from(self.sigma[c][at]).powi(2),
+                false => f64::INFINITY,
+            };
+            Column {
+                local: self.grid.local(j),
+                alpha: rows.iter().map(|&i| self.grid.normal(i).rad()).collect(),
+                view: rows.iter().map(|&i| i as u32).collect(),
+                value: channels
+                    .clone()
+                    .map(|c| pick(c, &|c, at| f64::from(self.mean[c][at])))
+                    .collect(),
+                variance: channels.map(|c| pick(c, &variance)).collect(),
+            }
+        };
+        Samples {
+            channels: self.channels.clone(),
+            columns: (0..self.grid.locals).into_par_iter().map(column).collect(),
+        }
     }
 
     /// Fraction of the cells with |θo′| ≤ `limb_cut` (radians) that were seen in `channel`.

@@ -1,32 +1,47 @@
 //! Light fields as EXR: float32, one channel per layer and colour, the axes in header attributes.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, FlatSamples, Layer, LayerAttributes, SmallVec, Text,
-    Vec2,
-};
+use exr::prelude::{AttributeValue, LayerAttributes, Text};
 
 use super::LightField;
 use super::header::sort_attributes;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::photo::{ExrPart, rle_lines};
+use crate::photo::ExrPart;
+use crate::photo::rle_lines::{self, Picture, Plane};
 
 /// One part of an EXR file: named float32 planes of one size.
 #[derive(Clone, Debug, Default)]
-pub struct Part {
+pub struct Part<'a> {
     /// Name of the part.
     pub name: String,
     /// Width and height.
     pub size: [usize; 2],
     /// (channel name, row-major values).
-    pub planes: Vec<(String, Vec<f32>)>,
+    pub planes: Vec<(String, Cow<'a, [f32]>)>,
     /// Text attributes of the header.
     pub texts: Vec<(String, String)>,
     /// Number attributes of the header.
     pub numbers: Vec<(String, f32)>,
+}
+
+impl Part<'_> {
+    /// The same, without a copy of its values.
+    pub fn borrowed(&self) -> Part<'_> {
+        let planes = self.planes.iter();
+        Part {
+            planes: planes
+                .map(|(name, values)| (name.clone(), Cow::Borrowed(values.as_ref())))
+                .collect(),
+            name: self.name.clone(),
+            texts: self.texts.clone(),
+            numbers: self.numbers.clone(),
+            ..*self
+        }
+    }
 }
 
 impl LightField {
@@ -73,7 +88,7 @@ impl LightField {
     }
 
     /// The layers `mean`, `sigma` and `weight`, each with all channels.
-    pub fn part(&self, name: &str) -> Part {
+    pub fn part(&self, name: &str) -> Part<'_> {
         let Grid { normals, locals } = self.grid;
         let layers = [
             ("mean", &self.mean),
@@ -86,7 +101,7 @@ impl LightField {
                 self.channels
                     .iter()
                     .zip(values.iter())
-                    .map(move |(c, v)| (format!("{layer}.{c}"), v.clone()))
+                    .map(move |(c, v)| (format!("{layer}.{c}"), Cow::Borrowed(v.as_slice())))
             })
             .collect();
         let texts = [
@@ -119,12 +134,12 @@ impl LightField {
 ///
 /// # Errors
 /// If a plane does not have its part's size, or a name cannot be written in EXR.
-pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
-    let mut layers = rle_lines::Layers::new();
+pub fn encode(parts: &[Part<'_>]) -> Result<Vec<u8>> {
+    let mut pictures = Vec::with_capacity(parts.len());
     for part in parts {
         let [width, height] = part.size;
-        let mut channels = SmallVec::new();
-        for (name, values) in part.planes {
+        let mut planes = Vec::with_capacity(part.planes.len());
+        for (name, values) in &part.planes {
             if values.len() != width * height {
                 return Err(Error::failed(format!(
                     "plane {name} of {}: expected {width} × {height} values, found {}",
@@ -132,7 +147,7 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
                     values.len()
                 )));
             }
-            channels.push(AnyChannel::new(text(&name)?, FlatSamples::F32(values)));
+            planes.push((text(name)?, Plane::Whole(values.as_ref())));
         }
         let mut attributes = LayerAttributes::named(text(&part.name)?);
         for (key, value) in &part.texts {
@@ -145,16 +160,14 @@ pub fn encode(parts: Vec<Part>) -> Result<Vec<u8>> {
                 .other
                 .insert(text(key)?, AttributeValue::F32(*value));
         }
-        let channels = AnyChannels::sort(channels);
-        layers.push(Layer::new(
-            Vec2(width, height),
+        // Most cells of a light field were never seen, and runs of zeros are all that there is to gain.
+        pictures.push(Picture {
+            size: part.size,
             attributes,
-            // Most cells of a light field were never seen, and runs of zeros are all that there is to gain.
-            rle_lines::ENCODING,
-            channels,
-        ));
+            planes,
+        });
     }
-    let mut bytes = rle_lines::encode(layers)
+    let mut bytes = rle_lines::encode(pictures)
         .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))?;
     sort_attributes(&mut bytes);
     Ok(bytes)
@@ -182,7 +195,7 @@ mod tests {
         for (k, v) in field.mean[1].iter_mut().enumerate() {
             *v = k as f32 * 0.1;
         }
-        let bytes = encode(vec![field.part("light field")]).expect("encodes");
+        let bytes = encode(&[field.part("light field")]).expect("encodes");
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = folder.path().join("x.exr");
         std::fs::write(&path, bytes).expect("writes");

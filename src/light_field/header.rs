@@ -57,17 +57,17 @@ mod tests {
         let part = |name: &str| Part {
             name: name.into(),
             size: [40, 30],
-            planes: vec![("Y".into(), vec![0.5; 1200])],
+            planes: vec![("Y".into(), vec![0.5; 1200].into())],
             texts: (0..5)
                 .map(|k| (format!("text{k}"), "x".repeat(k)))
                 .collect(),
             numbers: (0..5).map(|k| (format!("number{k}"), k as f32)).collect(),
         };
-        let once = encode(vec![part("a")]).expect("encodes");
-        let twice = encode(vec![part("a"), part("b")]).expect("encodes");
+        let once = encode(&[part("a")]).expect("encodes");
+        let twice = encode(&[part("a"), part("b")]).expect("encodes");
         for _ in 0..5 {
-            assert!(encode(vec![part("a")]).expect("encodes") == once);
-            assert!(encode(vec![part("a"), part("b")]).expect("encodes") == twice);
+            assert!(encode(&[part("a")]).expect("encodes") == once);
+            assert!(encode(&[part("a"), part("b")]).expect("encodes") == twice);
         }
     }
 

@@ -24,6 +24,10 @@ const ALIKE: f64 = 8.0;
 /// Residual, in standard deviations, beyond which a sample is a detail of the light field.
 const DETAIL: f64 = 3.0;
 
+/// Parts of the equations that are added up by themselves, and then in order: fixed, so that the result does not depend on the number
+/// of threads.
+const PARTS: usize = 4;
+
 /// Rounds of weighting anew.
 const ROUNDS: usize = 6;
 
@@ -65,32 +69,28 @@ pub fn jitter(samples: &Samples, views: usize) -> Option<Jitter> {
     let mut solver = None;
     let mut gained = 0.0;
     for _ in 0..ROUNDS {
-        let residual = |e: &Equation| {
-            let known: f64 = e.terms.iter().map(|(v, a)| a * delta[*v]).sum();
-            e.off - known
-        };
-        let mut sizes: Vec<f64> = equations.iter().map(|e| residual(e).abs()).collect();
+        let residuals: Vec<f64> = equations
+            .par_iter()
+            .map(|e| {
+                let known: f64 = e.terms.iter().map(|(v, a)| a * delta[*v]).sum();
+                e.off - known
+            })
+            .collect();
+        let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
         let middle = sizes.len() / 2;
         let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
         let scatter = (1.4826 * median).max(1e-6);
+        let part = equations.len().div_ceil(PARTS);
+        let parts: Vec<(DMatrix<f64>, DVector<f64>)> = equations
+            .par_chunks(part)
+            .zip(residuals.par_chunks(part))
+            .map(|(equations, residuals)| normal_equations(equations, residuals, scatter, views))
+            .collect();
         let mut normal = DMatrix::<f64>::identity(views, views) / (POSSIBLE * POSSIBLE);
         let mut right = DVector::<f64>::zeros(views);
-        for e in &equations {
-            let variance = scatter * scatter + e.noise * e.noise;
-            // Tukey's weight: a detail of the light field says nothing of the exposure.
-            let outside = residual(e).powi(2) / (DETAIL * DETAIL * variance);
-            if outside >= 1.0 {
-                continue;
-            }
-            let weight = (1.0 - outside).powi(2) / (ALIKE * variance);
-            for (k, &(i, a)) in e.terms.iter().enumerate() {
-                let weighted = weight * a;
-                // One of each pair, in the lower triangle, which is what the factorisation looks at.
-                for &(j, b) in e.terms.iter().take(k + 1) {
-                    normal[(i.max(j), i.min(j))] += weighted * b;
-                }
-                right[i] += weighted * e.off;
-            }
+        for (n, r) in parts {
+            normal += n;
+            right += r;
         }
         let factor = normal.cholesky()?;
         delta = factor.solve(&right);
@@ -106,6 +106,34 @@ pub fn jitter(samples: &Samples, views: usize) -> Option<Jitter> {
         sigma: covariance.diagonal().iter().map(|v| v.sqrt()).collect(),
     };
     (found.rms() > LEAST).then_some(found)
+}
+
+/// What some equations add to the normal equations, the lower triangle of the matrix, which is what its factorisation looks at.
+fn normal_equations(
+    equations: &[Equation],
+    residuals: &[f64],
+    scatter: f64,
+    views: usize,
+) -> (DMatrix<f64>, DVector<f64>) {
+    let mut normal = DMatrix::<f64>::zeros(views, views);
+    let mut right = DVector::<f64>::zeros(views);
+    for (e, residual) in equations.iter().zip(residuals) {
+        let variance = scatter * scatter + e.noise * e.noise;
+        // Tukey's weight: a detail of the light field says nothing of the exposure.
+        let outside = residual * residual / (DETAIL * DETAIL * variance);
+        if outside >= 1.0 {
+            continue;
+        }
+        let weight = (1.0 - outside).powi(2) / (ALIKE * variance);
+        for (k, &(i, a)) in e.terms.iter().enumerate() {
+            let weighted = weight * a;
+            for &(j, b) in e.terms.iter().take(k + 1) {
+                normal[(i.max(j), i.min(j))] += weighted * b;
+            }
+            right[i] += weighted * e.off;
+        }
+    }
+    (normal, right)
 }
 
 fn equations(samples: &Samples) -> Vec<Equation> {

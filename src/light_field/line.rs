@@ -193,6 +193,17 @@ impl MeasuredLine {
             .unzip();
         let pixels: Vec<u32> = places.iter().map(|&k| self.stations.pixels[k]).collect();
         let ordered = |of: &[f64]| -> Vec<f64> { places.iter().map(|&k| of[k]).collect() };
+        // Where each column's centre is seen: the same in all channels.
+        let points: Vec<Option<(f64, f64)>> = locals
+            .iter()
+            .map(|local| {
+                if local.rad().abs() > limb_cut || footprints.len() < 4 {
+                    return None;
+                }
+                let point = geometry.trace(local.rad())?;
+                Some((local.rad(), wrap(orbit.rad() + point.alpha)))
+            })
+            .collect();
         (0..self.stations.channels())
             .map(|c| {
                 let line = Line {
@@ -201,16 +212,13 @@ impl MeasuredLine {
                     pixels: &pixels,
                     footprints: &footprints,
                 };
-                locals
+                points
                     .iter()
-                    .map(|&local| {
-                        if local.rad().abs() > limb_cut || footprints.len() < 4 {
-                            return None;
-                        }
-                        let point = geometry.trace(local.rad())?;
-                        let found = sample(&line, local.rad(), bin)?;
+                    .map(|point| {
+                        let (local, alpha) = (*point)?;
+                        let found = sample(&line, local, bin)?;
                         Some(ViewSample {
-                            alpha: wrap(orbit.rad() + point.alpha),
+                            alpha,
                             value: found.value,
                             variance: found.variance * found.shared,
                             slope: found.slope,

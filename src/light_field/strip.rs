@@ -8,6 +8,7 @@
 use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 
 use super::dust;
 use crate::radiance::{Radiance, shared_rounding_of};
@@ -256,37 +257,53 @@ pub fn along_rows(
     let channels = radiance.channels.len();
     let width = radiance.size[0] as usize;
     let lines: Vec<(f64, f64)> = columns.clone().map(&line).collect();
-    let mut sums = vec![Sums::default(); columns.len() * channels];
-    for c in 0..channels {
-        let (values, variances) = (&radiance.value[c], &radiance.variance[c]);
-        for (block, lines) in lines.chunks(LANES).enumerate() {
-            let first = block * LANES;
-            let rows = rows_within(radiance, lines);
-            let at = (rows.start - radiance.rows.start) as usize * width + columns.start + first;
-            let found = pulp::Arch::new().dispatch(ColumnSums {
-                lines,
-                rows,
-                values: values.get(at..).unwrap_or(&[]),
-                variances: variances.get(at..).unwrap_or(&[]),
-                width,
-            });
-            for (k, found) in found.into_iter().enumerate().take(lines.len()) {
-                sums[(first + k) * channels + c] = found;
+    // By channel; a few views are read before all others, and then processors are free.
+    let of_channels: Vec<Fitted> = (0..channels)
+        .into_par_iter()
+        .map(|c| {
+            let (values, variances) = (&radiance.value[c], &radiance.variance[c]);
+            let mut sums = Vec::with_capacity(lines.len());
+            for (block, lines) in lines.chunks(LANES).enumerate() {
+                let first = columns.start + block * LANES;
+                let rows = rows_within(radiance, lines);
+                let at = (rows.start - radiance.rows.start) as usize * width + first;
+                let found = pulp::Arch::new().dispatch(ColumnSums {
+                    lines,
+                    rows,
+                    values: values.get(at..).unwrap_or(&[]),
+                    variances: variances.get(at..).unwrap_or(&[]),
+                    width,
+                });
+                sums.extend_from_slice(&found[..lines.len()]);
             }
-        }
+            let fits = sums.iter().map(Sums::fit).collect();
+            let mut fitted = Fitted { sums, fits };
+            fitted.leave_dust_out(radiance, c, columns.start, &lines);
+            fitted
+        })
+        .collect();
+    let mut all = Stations::unseen(lines.len(), channels);
+    for (c, fitted) in of_channels.iter().enumerate() {
+        let shared = rounded_alike(radiance, c, columns.start, &lines);
+        fitted.read(radiance.noise_known, &shared, c, &mut all);
     }
-    let mut fits: Vec<Option<Fit>> = sums.iter().map(Sums::fit).collect();
-    leave_dust_out(radiance, columns.start, &lines, &mut sums, &mut fits);
-    let shared = rounded_alike(radiance, columns.start, &lines);
-    stations(&sums, &fits, &shared, radiance)
+    all
 }
 
-/// Mean over the rows of each station of the variance that pixels share, \[channel\]\[station\]; no channels if none do.
-fn rounded_alike(radiance: &Radiance, first: usize, lines: &[(f64, f64)]) -> Vec<Vec<f64>> {
+/// Mean over the rows of each station of a channel of the variance that pixels share; none if they share nothing.
+fn rounded_alike(
+    radiance: &Radiance,
+    channel: usize,
+    first: usize,
+    lines: &[(f64, f64)],
+) -> Vec<f64> {
     let width = radiance.size[0] as usize;
-    let of_station = |plane: &[f32], k: usize, (height, reach): (f64, f64)| {
+    let Some(plane) = radiance.shared.get(channel) else {
+        return Vec::new();
+    };
+    let of_station = |(k, (height, reach)): (usize, &(f64, f64))| {
         let rows = rows_within(radiance, &lines[k..=k]);
-        let near = rows.filter(|row| (f64::from(*row) + 0.5 - height).abs() <= reach);
+        let near = rows.filter(|row| (f64::from(*row) + 0.5 - height).abs() <= *reach);
         let (sum, count) = near
             .filter_map(|row| plane.get((row - radiance.rows.start) as usize * width + first + k))
             .fold((0.0, 0.0), |(sum, n), shared| {
@@ -294,33 +311,30 @@ fn rounded_alike(radiance: &Radiance, first: usize, lines: &[(f64, f64)]) -> Vec
             });
         if count > 0.0 { sum / count } else { 0.0 }
     };
-    let of_channel = |plane: &Vec<f32>| -> Vec<f64> {
-        let stations = lines.iter().enumerate();
-        stations
-            .map(|(k, line)| of_station(plane, k, *line))
-            .collect()
-    };
-    radiance.shared.iter().map(of_channel).collect()
+    lines.iter().enumerate().map(of_station).collect()
 }
 
-/// Replaces the sums and fits of stations some of whose rows are off; `lines` and `sums` as in
-/// [`along_rows`], from image column `first` on.
-fn leave_dust_out(
-    radiance: &Radiance,
-    first: usize,
-    lines: &[(f64, f64)],
-    sums: &mut [Sums],
-    fits: &mut [Option<Fit>],
-) {
-    let channels = radiance.channels.len();
-    let width = radiance.size[0] as usize;
-    let mut rows = dust::Rows::default();
-    for c in 0..channels {
-        let scatter: Vec<Option<[f64; 2]>> = sums
+/// The stations of one channel: sums over their rows, and the fits of these.
+struct Fitted {
+    sums: Vec<Sums>,
+    fits: Vec<Option<Fit>>,
+}
+
+impl Fitted {
+    /// Replaces the sums and fits of stations some of whose rows are off; `lines` as in [`along_rows`], from image column `first` on.
+    fn leave_dust_out(
+        &mut self,
+        radiance: &Radiance,
+        channel: usize,
+        first: usize,
+        lines: &[(f64, f64)],
+    ) {
+        let width = radiance.size[0] as usize;
+        let mut rows = dust::Rows::default();
+        let scatter: Vec<Option<[f64; 2]>> = self
+            .sums
             .iter()
-            .zip(fits.iter())
-            .skip(c)
-            .step_by(channels)
+            .zip(&self.fits)
             .map(|(s, fit)| {
                 let fit = fit.filter(|fit| fit.freedom >= dust::LEAST_FREEDOM)?;
                 Some([
@@ -329,28 +343,71 @@ fn leave_dust_out(
                 ])
             })
             .collect();
-        let values = fits.iter().skip(c).step_by(channels).flatten();
+        let values = self.fits.iter().flatten();
         let largest = values.map(|fit| fit.value.abs()).fold(0.0, f64::max);
         for k in dust::suspicious(&scatter, largest) {
             let (height, reach) = lines[k];
             let near = rows_within(radiance, &lines[k..=k]);
             let at = (near.start - radiance.rows.start) as usize * width + first + k;
-            let [values, variances] = [&radiance.value[c], &radiance.variance[c]].map(|plane| {
-                plane
-                    .get(at..)
-                    .unwrap_or(&[])
-                    .iter()
-                    .copied()
-                    .step_by(width)
-            });
+            let [values, variances] =
+                [&radiance.value[channel], &radiance.variance[channel]].map(|plane| {
+                    let from = plane.get(at..).unwrap_or(&[]);
+                    from.iter().copied().step_by(width)
+                });
             let count = near.len();
             rows.take(near.start, [height, reach], values.take(count), variances);
             if let Some(kept) = rows.without_dust() {
-                sums[k * channels + c] = kept;
-                fits[k * channels + c] = kept.fit();
+                self.sums[k] = kept;
+                self.fits[k] = kept.fit();
             }
         }
     }
+
+    /// The stations of channel `c`; where the noise is not known it is taken from the rows' scatter about the
+    /// fit, pooled over neighbouring stations. What of the quantisation the rows share (`shared`, by station) is added in full.
+    fn read(&self, noise_known: bool, shared: &[f64], c: usize, all: &mut Stations) {
+        let pooled = |of: fn(&Fit) -> f64| -> Vec<f64> {
+            let each: Vec<f64> = self
+                .fits
+                .iter()
+                .map(|f| f.as_ref().map_or(0.0, of))
+                .collect();
+            let near = |k: usize| &each[k.saturating_sub(POOL)..(k + POOL + 1).min(each.len())];
+            (0..each.len()).map(|k| side_by_side(near(k))).collect()
+        };
+        let (residual, freedom) = match noise_known {
+            true => (Vec::new(), Vec::new()),
+            false => (
+                pooled(|fit| fit.residual),
+                pooled(|fit| f64::from(fit.freedom)),
+            ),
+        };
+        for (k, (sums, fit)) in self.sums.iter().zip(&self.fits).enumerate() {
+            let Some(fit) = fit else { continue };
+            let mean_pixel = sums.variance / f64::from(sums.count);
+            all.value[c][k] = fit.value;
+            all.pixels[k] = all.pixels[k].max(sums.count);
+            all.variance[c][k] = if noise_known {
+                let shared = shared.get(k).copied().unwrap_or(0.0).min(mean_pixel);
+                fit.gain * (mean_pixel - shared) + shared
+            } else {
+                let scatter = residual[k] / freedom[k].max(1.0);
+                fit.gain * scatter + shared_rounding_of(mean_pixel, scatter)
+            };
+        }
+    }
+}
+
+/// The sum of some values, four by four.
+fn side_by_side(values: &[f64]) -> f64 {
+    let (fours, rest) = values.as_chunks::<4>();
+    let mut sums = [0.0; 4];
+    for four in fours {
+        for (sum, value) in sums.iter_mut().zip(four) {
+            *sum += value;
+        }
+    }
+    sums.iter().chain(rest).sum()
 }
 
 /// How far (pixels) along the line a station of [`along_line`] has parts of pixels.
@@ -475,44 +532,6 @@ fn near_line(
     let first = column(low).floor() as usize;
     let last = (column(high).ceil() as usize + 1).min(columns.end);
     first..last.max(first)
-}
-
-/// From sums to stations; where the noise is not known it is taken from the rows' scatter about the
-/// fit, pooled over neighbouring stations. What of the quantisation the rows share is added in full.
-fn stations(
-    sums: &[Sums],
-    fits: &[Option<Fit>],
-    shared: &[Vec<f64>],
-    radiance: &Radiance,
-) -> Stations {
-    let channels = radiance.channels.len();
-    let length = sums.len() / channels.max(1);
-    let mut all = Stations::unseen(length, channels);
-    for k in 0..length {
-        for c in 0..channels {
-            let at = k * channels + c;
-            let Some(fit) = &fits[at] else { continue };
-            let mean_pixel = sums[at].variance / f64::from(sums[at].count);
-            all.value[c][k] = fit.value;
-            all.pixels[k] = all.pixels[k].max(sums[at].count);
-            all.variance[c][k] = if radiance.noise_known {
-                let shared = shared.get(c).and_then(|of| of.get(k)).copied();
-                let shared = shared.unwrap_or(0.0).min(mean_pixel);
-                fit.gain * (mean_pixel - shared) + shared
-            } else {
-                let (mut residual, mut freedom) = (0.0, 0);
-                for near in k.saturating_sub(POOL)..(k + POOL + 1).min(length) {
-                    if let Some(fit) = &fits[near * channels + c] {
-                        residual += fit.residual;
-                        freedom += fit.freedom;
-                    }
-                }
-                let scatter = residual / f64::from(freedom.max(1));
-                fit.gain * scatter + shared_rounding_of(mean_pixel, scatter)
-            };
-        }
-    }
-    all
 }
 
 #[cfg(test)]

@@ -266,19 +266,12 @@ pub fn write_table(
     n: usize,
     sigma: Option<&[Vec<f64>]>,
 ) -> Result<()> {
-    write_values(file, &lighting.channels, &lighting.tabulated(n), sigma)
+    let text = values_csv(&lighting.channels, &lighting.tabulated(n), sigma);
+    write_whole(file, &text)
 }
 
-/// The same from values at regular angles from −180°, \[channel\]\[n\].
-///
-/// # Errors
-/// If the file cannot be written.
-pub fn write_values(
-    file: &Path,
-    channels: &[String],
-    values: &[Vec<f64>],
-    sigma: Option<&[Vec<f64>]>,
-) -> Result<()> {
+/// The text that [`write_table`] writes, from values at regular angles from −180°, \[channel\]\[n\].
+pub fn values_csv(channels: &[String], values: &[Vec<f64>], sigma: Option<&[Vec<f64>]>) -> String {
     let n = values.first().map_or(0, Vec::len);
     let mut text = String::from("theta_deg");
     for name in channels {
@@ -303,7 +296,7 @@ pub fn write_values(
         }
         text.push('\n');
     }
-    write_whole(file, &text)
+    text
 }
 
 /// How well a coefficient is determined by the photographs.
@@ -349,6 +342,11 @@ pub struct SpectrumRow {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_spectrum(file: &Path, rows: &[SpectrumRow]) -> Result<()> {
+    write_whole(file, &spectrum_csv(rows))
+}
+
+/// The text that [`write_spectrum`] writes.
+pub fn spectrum_csv(rows: &[SpectrumRow]) -> String {
     let mut text = String::from("channel,p,re,im,sigma,status\n");
     for row in rows {
         let (value, status) = (row.value, row.status.word());
@@ -358,7 +356,7 @@ pub fn write_spectrum(file: &Path, rows: &[SpectrumRow]) -> Result<()> {
         }
         let _ = writeln!(text, ",{status}");
     }
-    write_whole(file, &text)
+    text
 }
 
 /// Reads a spectrum as [`write_spectrum`] writes it, or without σ and status, as a truth has them: then every

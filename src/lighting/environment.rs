@@ -221,6 +221,14 @@ const WIDTH: usize = 1440;
 /// # Errors
 /// If the file cannot be written.
 pub fn write_lat_long(file: &Path, lighting: &Lighting) -> Result<()> {
+    files::write_whole(file, &lat_long(lighting).map_err(|e| e.file(file))?)
+}
+
+/// The bytes that [`write_lat_long`] writes.
+///
+/// # Errors
+/// If the exr crate cannot encode them.
+pub fn lat_long(lighting: &Lighting) -> Result<Vec<u8>> {
     let step = PI / (HEIGHT - 1) as f64;
     // ∫ (1 − |ε|/h) cos² ε dε over |ε| ≤ h: half of it is h, the other half, of cos 2ε, sin²h/h.
     let band = 0.5 * (step + step.sin().powi(2) / step);
@@ -247,32 +255,27 @@ pub fn write_lat_long(file: &Path, lighting: &Lighting) -> Result<()> {
             row[(left + 1) % WIDTH] += t * height;
         }
     }
-    let planes: Vec<Vec<f32>> = rows
+    let rows: Vec<Vec<f32>> = rows
         .iter()
-        .map(|row| {
-            let mut pixels = vec![0.0f32; WIDTH * HEIGHT];
-            let horizon = HEIGHT / 2 * WIDTH;
-            for (pixel, l) in pixels[horizon..].iter_mut().zip(row) {
-                *pixel = (l / band).max(0.0) as f32;
-            }
-            pixels
-        })
+        .map(|row| row.iter().map(|l| (l / band).max(0.0) as f32).collect())
         .collect();
-    let attributes = openexr::LayerAttributes {
-        environment_map: Some(exr::meta::attribute::EnvironmentMap::LatitudeLongitude),
-        ..openexr::LayerAttributes::default()
+    let black = vec![0.0; WIDTH];
+    let planes = lighting.channels.iter().zip(&rows);
+    let picture = rle_lines::Picture {
+        size: [WIDTH, HEIGHT],
+        attributes: openexr::LayerAttributes {
+            environment_map: Some(exr::meta::attribute::EnvironmentMap::LatitudeLongitude),
+            ..openexr::LayerAttributes::default()
+        },
+        planes: planes
+            .map(|(name, row)| {
+                let plane = rle_lines::Plane::OneRow(HEIGHT / 2, row, &black);
+                (openexr::Text::from(name.as_str()), plane)
+            })
+            .collect(),
     };
-    // All but one row of it is black.
-    let layer = layer(
-        [WIDTH, HEIGHT],
-        &lighting.channels,
-        planes,
-        attributes,
-        rle_lines::ENCODING,
-    );
-    let bytes =
-        rle_lines::encode([layer].into_iter().collect()).map_err(|e| Error::write(file, e))?;
-    files::write_whole(file, &bytes)
+    rle_lines::encode(vec![picture])
+        .map_err(|e| Error::failed(format!("the EXR file cannot be encoded: {e}")))
 }
 
 /// Writes 32-bit planes of `size` (width, height), one per channel, as one EXR file, whole or not at
@@ -286,9 +289,16 @@ pub(crate) fn write_planes(
 ) -> Result<()> {
     let encoding = openexr::Encoding {
         compression: openexr::Compression::ZIP16,
-        ..rle_lines::ENCODING
+        blocks: openexr::Blocks::ScanLines,
+        line_order: openexr::LineOrder::Increasing,
     };
-    let image = openexr::Image::from_layer(layer(size, channels, planes, attributes, encoding));
+    let planes = channels.iter().zip(planes).map(|(name, plane)| {
+        openexr::AnyChannel::new(name.as_str(), openexr::FlatSamples::F32(plane))
+    });
+    let planes = openexr::AnyChannels::sort(planes.collect());
+    let [width, height] = size;
+    let layer = openexr::Layer::new((width, height), attributes, encoding, planes);
+    let image = openexr::Image::from_layer(layer);
     let mut bytes = Cursor::new(Vec::new());
     image
         .write()
@@ -297,20 +307,6 @@ pub(crate) fn write_planes(
     let mut bytes = bytes.into_inner();
     sort_attributes(&mut bytes);
     files::write_whole(file, &bytes)
-}
-
-fn layer(
-    [width, height]: [usize; 2],
-    channels: &[String],
-    planes: Vec<Vec<f32>>,
-    attributes: openexr::LayerAttributes,
-    encoding: openexr::Encoding,
-) -> openexr::Layer<openexr::AnyChannels<openexr::FlatSamples>> {
-    let channels = channels.iter().zip(planes).map(|(name, plane)| {
-        openexr::AnyChannel::new(name.as_str(), openexr::FlatSamples::F32(plane))
-    });
-    let channels = openexr::AnyChannels::sort(channels.collect());
-    openexr::Layer::new((width, height), attributes, encoding, channels)
 }
 
 #[cfg(test)]

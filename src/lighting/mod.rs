@@ -17,8 +17,8 @@ use crate::angle::{WorldAngle, wrap};
 use crate::fourier::{CircleTransform, Series};
 
 pub use csv::{
-    LightingTable, SpectrumRow, Status, read_spectrum, read_table, write_spectrum, write_table,
-    write_values,
+    LightingTable, SpectrumRow, Status, read_spectrum, read_table, spectrum_csv, values_csv,
+    write_spectrum, write_table,
 };
 pub use describe::{EnvironmentDescription, LightingDescription, SourceDescription};
 

@@ -9,15 +9,52 @@ use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::block::writer::ChunksWriter;
 use exr::error::{Error, Result};
 use exr::prelude::{
-    AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds,
-    Layer, LineOrder, SmallVec, Vec2, WritableImage,
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes,
+    IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2, WritableImage,
 };
 
-/// Layers of float planes.
-pub(crate) type Layers = SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]>;
+/// A picture of float planes.
+pub(crate) struct Picture<'a> {
+    /// Width and height.
+    pub size: [usize; 2],
+    /// Its header's attributes.
+    pub attributes: LayerAttributes,
+    /// Names and values.
+    pub planes: Vec<(Text, Plane<'a>)>,
+}
 
-/// How layers must be encoded for [`encode`].
-pub(crate) const ENCODING: Encoding = Encoding {
+/// The values of a plane.
+#[derive(Clone, Copy)]
+pub(crate) enum Plane<'a> {
+    /// Row by row.
+    Whole(&'a [f32]),
+    /// The values of one row, and those of all others.
+    OneRow(usize, &'a [f32], &'a [f32]),
+}
+
+impl<'a> Plane<'a> {
+    fn row(self, y: usize, width: usize) -> &'a [f32] {
+        match self {
+            Self::Whole(values) => &values[y * width..(y + 1) * width],
+            Self::OneRow(row, values, others) => match y == row {
+                true => values,
+                false => others,
+            },
+        }
+    }
+
+    fn fits(self, [width, height]: [usize; 2]) -> bool {
+        match self {
+            Self::Whole(values) => values.len() == width * height,
+            Self::OneRow(row, values, others) => {
+                row < height && values.len() == width && others.len() == width
+            }
+        }
+    }
+}
+
+/// How the bytes are laid out.
+const ENCODING: Encoding = Encoding {
     compression: Compression::RLE,
     blocks: Blocks::ScanLines,
     line_order: LineOrder::Increasing,
@@ -27,15 +64,38 @@ pub(crate) const ENCODING: Encoding = Encoding {
 const SHORTEST: usize = 3;
 const LONGEST: usize = 128;
 const STRETCH: usize = 127;
+/// Bytes that are looked at together.
+const TOGETHER: usize = 32;
 
-/// The bytes of an EXR file with these layers, whose encoding is [`ENCODING`] and whose planes are floats.
+/// The bytes of an EXR file with these pictures.
 ///
 /// # Errors
-/// If that is not so, a plane does not have its layer's size, or the exr crate refuses the header.
-pub(crate) fn encode(layers: Layers) -> Result<Vec<u8>> {
-    let bounds = layers.iter().fold(Vec2(1, 1), |bounds, layer| {
-        Vec2(bounds.0.max(layer.size.0), bounds.1.max(layer.size.1))
-    });
+/// If a plane does not have its picture's size, or the exr crate refuses the header.
+pub(crate) fn encode(mut pictures: Vec<Picture<'_>>) -> Result<Vec<u8>> {
+    let mut bounds = Vec2(1, 1);
+    for picture in &mut pictures {
+        let [width, height] = picture.size;
+        bounds = Vec2(bounds.0.max(width), bounds.1.max(height));
+        if !picture.planes.iter().all(|(_, p)| p.fits(picture.size)) {
+            return Err(Error::Invalid("plane".into()));
+        }
+        // As the file has them.
+        picture.planes.sort_by(|(a, _), (b, _)| a.cmp(b));
+    }
+    // For their headers; the values are not asked for.
+    let layers: Layers = pictures
+        .iter()
+        .map(|picture| {
+            let names = picture.planes.iter().map(|(name, _)| name.clone());
+            let channels = names.map(|name| AnyChannel::new(name, FlatSamples::F32(Vec::new())));
+            Layer::new(
+                Vec2(picture.size[0], picture.size[1]),
+                picture.attributes.clone(),
+                ENCODING,
+                AnyChannels::sort(channels.collect()),
+            )
+        })
+        .collect();
     let image = Image::from_layers(
         ImageAttributes::new(IntegerBounds::from_dimensions(bounds)),
         layers,
@@ -43,22 +103,19 @@ pub(crate) fn encode(layers: Layers) -> Result<Vec<u8>> {
     let headers = image.write().infer_meta_data();
     let mut bytes = Cursor::new(Vec::new());
     exr::block::write(&mut bytes, headers, true, |_, writer| {
-        for (index, layer) in image.layer_data.iter().enumerate() {
-            let planes = planes(layer)?;
-            let width = layer.size.0;
+        for (index, picture) in pictures.iter().enumerate() {
+            let [width, height] = picture.size;
             let mut line = Line::default();
-            for y in 0..layer.size.1 {
-                let place = y * width..(y + 1) * width;
-                let before = y.checked_sub(1).map(|y| y * width..(y + 1) * width);
-                let same = |plane: &&[f32]| {
-                    before.clone().is_some_and(|before| {
+            for y in 0..height {
+                let same = |(_, plane): &(Text, Plane<'_>)| {
+                    y.checked_sub(1).is_some_and(|before| {
                         // Without a branch in it, so that many are compared at once.
-                        let both = plane[before].iter().zip(&plane[place.clone()]);
+                        let both = plane.row(before, width).iter().zip(plane.row(y, width));
                         both.fold(true, |same, (a, b)| same & (a.to_bits() == b.to_bits()))
                     })
                 };
-                if !planes.iter().all(same) {
-                    line.pack(planes.iter().map(|plane| &plane[place.clone()]));
+                if !picture.planes.iter().all(same) {
+                    line.pack(picture.planes.iter().map(|(_, plane)| plane.row(y, width)));
                 }
                 let block = CompressedScanLineBlock {
                     y_coordinate: i32::try_from(y).map_err(|_| Error::Invalid("height".into()))?,
@@ -76,19 +133,8 @@ pub(crate) fn encode(layers: Layers) -> Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
-/// The planes of a layer, in its channels' order.
-fn planes(layer: &Layer<AnyChannels<FlatSamples>>) -> Result<Vec<&[f32]>> {
-    if layer.encoding != ENCODING {
-        return Err(Error::Invalid("encoding".into()));
-    }
-    let channels = layer.channel_data.list.iter();
-    channels
-        .map(|channel| match &channel.sample_data {
-            FlatSamples::F32(values) if values.len() == layer.size.area() => Ok(values.as_slice()),
-            _ => Err(Error::Invalid("plane".into())),
-        })
-        .collect()
-}
+/// Layers as the exr crate's headers are made of.
+type Layers = SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]>;
 
 /// A line as it is packed.
 #[derive(Default)]
@@ -132,16 +178,31 @@ impl Line {
 /// Packs bytes: a count less 1 and a byte that comes so many times, or a negative count and so many bytes.
 fn runs(bytes: &[u8], packed: &mut Vec<u8>) {
     // Where a run begins from `at` on, and how long it is.
-    let next = |at: usize| {
+    let next = |mut at: usize| {
+        // Without a branch for each, so that many are compared at once.
+        while let Some(some) = bytes.get(at..at + TOGETHER + SHORTEST - 1) {
+            let alike = |k: usize| (some[k] == some[k + 1]) & (some[k + 1] == some[k + 2]);
+            if (0..TOGETHER).fold(false, |any, k| any | alike(k)) {
+                break;
+            }
+            at += TOGETHER;
+        }
         let start = bytes[at..]
             .windows(SHORTEST)
             .position(|w| w[0] == w[1] && w[1] == w[2])
             .map_or(bytes.len(), |found| at + found);
-        let length = match bytes.get(start) {
-            None => 0,
-            Some(first) => bytes[start..].iter().take_while(|b| *b == first).count(),
+        let Some(first) = bytes.get(start) else {
+            return (start, 0);
         };
-        (start, length)
+        let mut end = start;
+        while let Some(some) = bytes.get(end..end + TOGETHER) {
+            if some.iter().fold(false, |other, b| other | (b != first)) {
+                break;
+            }
+            end += TOGETHER;
+        }
+        end += bytes[end..].iter().take_while(|b| *b == first).count();
+        (start, end - start)
     };
     let mut at = 0;
     while at < bytes.len() {
@@ -163,7 +224,7 @@ fn runs(bytes: &[u8], packed: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use exr::prelude::{AnyChannel, LayerAttributes, ReadChannels as _, ReadLayers as _};
+    use exr::prelude::{ReadChannels as _, ReadLayers as _};
 
     #[test]
     fn what_is_packed_is_read_back() {
@@ -180,15 +241,20 @@ mod tests {
                 .map(|k| value(c, k % width, k / width))
                 .collect()
         };
-        let list = ["a", "b", "c"].iter().enumerate();
-        let list = list.map(|(c, name)| AnyChannel::new(*name, FlatSamples::F32(plane(c))));
-        let layer = Layer::new(
-            Vec2(width, height),
-            LayerAttributes::named("x"),
-            ENCODING,
-            AnyChannels::sort(list.collect()),
-        );
-        let bytes = encode([layer].into_iter().collect()).unwrap();
+        let planes: Vec<Vec<f32>> = (0..3).map(plane).collect();
+        let (row, others) = (vec![1.5; width], vec![-0.0; width]);
+        let mut all: Vec<(Text, Plane<'_>)> = ["a", "b", "c"]
+            .into_iter()
+            .zip(&planes)
+            .map(|(name, plane)| (Text::from(name), Plane::Whole(plane)))
+            .collect();
+        all.insert(1, (Text::from("d"), Plane::OneRow(7, &row, &others)));
+        let picture = Picture {
+            size: [width, height],
+            attributes: LayerAttributes::named("x"),
+            planes: all,
+        };
+        let bytes = encode(vec![picture]).unwrap();
         let image = exr::prelude::read()
             .no_deep_data()
             .largest_resolution_level()
@@ -197,11 +263,14 @@ mod tests {
             .all_attributes()
             .from_buffered(Cursor::new(bytes))
             .unwrap();
-        for (c, channel) in image.layer_data.channel_data.list.iter().enumerate() {
+        let mut planted = planes;
+        let of_row = |y: usize| if y == 7 { &row } else { &others };
+        planted.push((0..height).flat_map(of_row).copied().collect());
+        for (channel, planted) in image.layer_data.channel_data.list.iter().zip(&planted) {
             let bits = |v: f32| v.to_bits();
             let found: Vec<u32> = channel.sample_data.values_as_f32().map(bits).collect();
-            let planted: Vec<u32> = plane(c).into_iter().map(bits).collect();
-            assert!(found == planted, "channel {c}");
+            let planted: Vec<u32> = planted.iter().copied().map(bits).collect();
+            assert!(found == planted, "channel {}", channel.name);
         }
     }
 }

@@ -68,10 +68,12 @@ fn undo_differences(bytes: &mut [u8]) {
         // In four fields of 16 bits no sum of eight bytes and a byte runs over.
         let second = (differences >> 8) & LOW;
         let pairs = (differences & LOW) + second;
-        let up_to_second = pairs.wrapping_mul(EACH) + sum * EACH;
+        let own = pairs.wrapping_mul(EACH);
+        let up_to_second = own + sum * EACH;
         let up_to_first = up_to_second - second;
         *eight = ((up_to_first & LOW) | ((up_to_second & LOW) << 8)).to_le_bytes();
-        sum = (up_to_second >> 48) & 0xff;
+        // All that the next eight wait for is this addition.
+        sum = (sum + (own >> 48)) & 0xff;
     }
     let mut sum = sum as u8;
     for byte in rest {

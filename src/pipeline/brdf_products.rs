@@ -26,7 +26,7 @@ pub fn spectrum_csv(brdf: &BrdfEstimate) -> String {
 
 /// The slice as an image: layers `rho`, `sigma` (0 where indeterminate) and `status` (2 determined, 1 weak, 0
 /// indeterminate); a row per θi′, a column per θo′.
-pub fn image(brdf: &BrdfEstimate) -> Part {
+pub fn image(brdf: &BrdfEstimate) -> Part<'static> {
     let n = brdf.size;
     let mut planes = Vec::new();
     for (c, (name, slice)) in brdf.channels.iter().zip(&brdf.slices).enumerate() {

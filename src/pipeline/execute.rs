@@ -163,12 +163,12 @@ impl Task<'_> {
         let estimate =
             lighting::recover_with(samples, &self.measured.systematics, &material, &options)?;
         clock.lap("lighting");
-        let grid = self.measured.field.samples();
-        let predicted = lighting::predict_all(&estimate, &material, &[&grid, samples]);
+        let cells = self.measured.field.samples();
+        let predicted = lighting::predict_all(&estimate, &material, &[&cells, samples]);
         let [on_grid, on_samples] = predicted.as_slice() else {
             return Err(Error::failed("the prediction is incomplete"));
         };
-        let mut recovered = self.residuals(on_grid, on_samples);
+        let mut recovered = self.residuals((&cells, on_grid), on_samples);
         for (c, fit) in recovered.fit.iter_mut().enumerate() {
             fit.judge_lighting(material::reflects_diffusely(&material, c));
         }
@@ -213,9 +213,10 @@ impl Task<'_> {
         clock.lap("BRDF");
         self.progress.step();
         let slice = material::as_material(&estimate)?;
-        let on_grid = fit::predict(&light, &slice, &self.measured.field.samples())?;
+        let cells = self.measured.field.samples();
+        let on_grid = fit::predict(&light, &slice, &cells)?;
         let on_samples = fit::predict(&light, &slice, samples)?;
-        let mut recovered = self.residuals(&on_grid, &on_samples);
+        let mut recovered = self.residuals((&cells, &on_grid), &on_samples);
         let together = coherence::factors(samples, &on_samples);
         for (slice, factor) in estimate.slices.iter_mut().zip(together) {
             if slice.noise > coherence::MISFIT {
@@ -277,11 +278,11 @@ impl Task<'_> {
         drop(widened);
         clock.lap("factorisation");
         self.progress.step();
-        // The slice under the light that is determined, from what that light did.
-        let light = joint::determined_light(&found);
+        // The slice under the light that is known, from what that light did.
+        let light = joint::known_light(&found);
         let systematics = &self.measured.systematics;
         let corrected = joint::corrected(&found, samples, systematics);
-        let (part, widened) = joint::determined_part(&found, &corrected);
+        let (part, widened) = joint::known_part(&found, &corrected);
         drop(corrected);
         let open = joint::open_systematics(&found, samples, systematics);
         let mut options = material::options(&recipe.recovery)?;
@@ -296,13 +297,10 @@ impl Task<'_> {
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");
         let slice = material::as_material(&estimate)?;
-        let on_grid = fit::predict(
-            &joint::light(&found),
-            &slice,
-            &self.measured.field.samples(),
-        )?;
+        let cells = self.measured.field.samples();
+        let on_grid = fit::predict(&joint::light(&found), &slice, &cells)?;
         let on_samples = fit::predict(&joint::light(&found), &slice, samples)?;
-        let mut recovered = self.residuals(&on_grid, &on_samples);
+        let mut recovered = self.residuals((&cells, &on_grid), &on_samples);
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         for (fit, channel) in recovered.fit.iter_mut().zip(&found.channels) {
             fit.judge_reciprocity(channel.violation);
@@ -310,13 +308,25 @@ impl Task<'_> {
         }
         let across = balance::out_of_plane(self.measured)?;
         for (c, (fit, across)) in recovered.fit.iter_mut().zip(across).enumerate() {
-            fit.judge_balance(across, material::is_diffuse(&estimate, c));
-        }
-        fit::judge_together(&mut recovered.fit);
-        if unexplained(&recovered.fit).is_some() {
-            recovered.cause = trial::few_views(samples);
+            let diffuse = material::is_diffuse(&estimate, c)
+                || material::looks_diffuse(&self.measured.field, c);
+            fit.judge_balance(across, diffuse);
         }
         clock.lap("residual");
+        let curved = |fit: &fit::FitQuality| {
+            fit.verdict == Verdict::Explained && fit.unexplained > fit::CURVED
+        };
+        if let Some(channel) = recovered.fit.iter().position(curved) {
+            recovered.cause = straighter(samples, channel, radius_px, &recipe.recovery)?;
+            if recovered.cause.is_some() {
+                fit::judge_curved(&mut recovered.fit);
+            }
+            clock.lap("cause");
+        }
+        fit::judge_together(&mut recovered.fit);
+        if recovered.cause.is_none() && unexplained(&recovered.fit).is_some() {
+            recovered.cause = trial::few_views(samples);
+        }
         self.progress.step();
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
         clock.lap("advice");
@@ -333,12 +343,25 @@ impl Task<'_> {
         Ok(recovered)
     }
 
-    /// Residuals and verdicts of predictions for the grid and for the samples.
-    fn residuals(&self, on_grid: &[Vec<Vec<f64>>], on_samples: &[Vec<Vec<f64>>]) -> Recovered {
+    /// Residuals and verdicts of predictions for the grid's cells and for the samples.
+    fn residuals(
+        &self,
+        (cells, on_grid): (&Samples, &[Vec<Vec<f64>>]),
+        on_samples: &[Vec<Vec<f64>>],
+    ) -> Recovered {
+        let (fit, (residual, view_residual)) = rayon::join(
+            || fit::quality(&self.measured.samples, on_samples),
+            || {
+                rayon::join(
+                    || fit::subtract(&self.measured.field, cells, on_grid),
+                    || fit::by_view(self.measured, on_samples),
+                )
+            },
+        );
         Recovered {
-            residual: Some(fit::subtract(&self.measured.field, on_grid)),
-            view_residual: Some(fit::by_view(self.measured, on_samples)),
-            fit: fit::quality(&self.measured.samples, on_samples),
+            residual: Some(residual),
+            view_residual: Some(view_residual),
+            fit,
             ..Recovered::default()
         }
     }
@@ -348,6 +371,36 @@ impl Task<'_> {
 fn unexplained(fits: &[fit::FitQuality]) -> Option<f64> {
     let doubtful = fits.iter().any(|f| f.verdict != Verdict::Explained);
     doubtful.then(|| mean_unexplained(fits))
+}
+
+/// What would straighten the photographs of one channel so that light and BRDF explain far more of them.
+fn straighter(
+    samples: &Samples,
+    channel: usize,
+    radius_px: f64,
+    recovery: &super::recipe::RecoveryOptions,
+) -> Result<Option<String>> {
+    let jointly = factorise::Options {
+        band: recovery.band,
+        ..factorise::Options::default()
+    };
+    let options = brdf::Options {
+        size: trial::SIZE,
+        intervals: Some(trial::INTERVALS),
+        ..material::options(recovery)?
+    };
+    let again = |samples: &Samples| {
+        let widened = joint::with_model_error(samples, radius_px);
+        let found = factorise::recover_with(&widened, &[], &jointly)?;
+        let light = joint::known_light(&found);
+        let (part, widened) = joint::known_part(&found, samples);
+        let widened = joint::with_model_error(&widened, radius_px);
+        let estimate = brdf::recover_with(&widened, &[], &light, &options)?;
+        let slice = material::as_material(&estimate)?;
+        let predicted = fit::predict(&light, &slice, &part)?;
+        Ok(mean_unexplained(&fit::quality(&part, &predicted)))
+    };
+    trial::straighter(&trial::one_channel(samples, channel), &again)
 }
 
 fn mean_unexplained(fits: &[fit::FitQuality]) -> f64 {

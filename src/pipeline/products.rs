@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -14,8 +16,8 @@ use super::{brdf_products, material, record};
 use crate::brdf::fit::BrdfModels;
 use crate::error::{Error, Result};
 use crate::files::{self, Claim, STAGING};
-use crate::light_field::encode;
-use crate::lighting::{SpectrumRow, environment::write_lat_long, write_spectrum, write_values};
+use crate::light_field::{Part, encode};
+use crate::lighting::{SpectrumRow, environment::lat_long, spectrum_csv, values_csv};
 use crate::recover::Status;
 use crate::recover::brdf::{BrdfEstimate, Slice};
 use crate::recover::lighting::LightingEstimate;
@@ -25,26 +27,22 @@ const PROVENANCE: &str = "provenance.json";
 /// Version of the folder's layout.
 const FORMAT: u32 = 1;
 
-/// Writes a file to a path.
-type Write<'a> = dyn Fn(&Path) -> Result<()> + Send + Sync + 'a;
+/// Makes the bytes of a file.
+type Make<'a> = dyn Fn() -> Result<Vec<u8>> + Send + Sync + 'a;
 
-/// A file of a run: its name and what writes it to a path.
+/// A file of a run: its name and what makes its bytes.
 pub struct Product<'a> {
     /// Name in the output folder.
     pub name: &'static str,
-    write: Box<Write<'a>>,
+    make: Box<Make<'a>>,
 }
 
 impl<'a> Product<'a> {
-    fn new(name: &'static str, write: impl Fn(&Path) -> Result<()> + Send + Sync + 'a) -> Self {
+    fn new(name: &'static str, make: impl Fn() -> Result<Vec<u8>> + Send + Sync + 'a) -> Self {
         Self {
             name,
-            write: Box::new(write),
+            make: Box::new(make),
         }
-    }
-
-    fn bytes(name: &'static str, bytes: impl Fn() -> Result<Vec<u8>> + Send + Sync + 'a) -> Self {
-        Self::new(name, move |path| files::write(path, &bytes()?))
     }
 }
 
@@ -54,17 +52,17 @@ pub type Page<'a> = dyn Fn(&Run) -> Result<String> + Sync + 'a;
 /// The products that `run` has; `page` makes the report.
 pub fn products<'a>(run: &'a Run, page: &'a Page<'a>) -> Vec<Product<'a>> {
     let mut products = vec![
-        Product::bytes("report.html", move || Ok(page(run)?.into_bytes())),
-        Product::bytes("summary.json", move || Ok(pretty(&summary(run)))),
-        Product::bytes(record::RECORD, move || record::text(run)),
-        Product::bytes("recipe.toml", move || {
+        Product::new("report.html", move || Ok(page(run)?.into_bytes())),
+        Product::new("summary.json", move || Ok(pretty(&summary(run)))),
+        Product::new(record::RECORD, move || record::text(run)),
+        Product::new("recipe.toml", move || {
             Ok(run.recipe_toml.clone().into_bytes())
         }),
-        Product::bytes("capture.toml", move || {
+        Product::new("capture.toml", move || {
             Ok(run.capture_toml.clone().into_bytes())
         }),
-        Product::bytes("light_field.exr", move || {
-            encode(vec![run.light_field.part("light field")])
+        Product::new("light_field.exr", move || {
+            encode(&[run.light_field.part("light field")])
         }),
     ];
     if let Some(lighting) = &run.lighting {
@@ -74,15 +72,15 @@ pub fn products<'a>(run: &'a Run, page: &'a Page<'a>) -> Vec<Product<'a>> {
         products.extend(brdf_products(brdf));
     }
     if let Some(models) = &run.models {
-        products.push(Product::bytes("brdf_models.json", move || {
+        products.push(Product::new("brdf_models.json", move || {
             models_json(models)
         }));
     }
     if let Some(residual) = &run.residual {
-        products.push(Product::bytes("residual.exr", move || {
+        products.push(Product::new("residual.exr", move || {
             let mut parts = vec![residual.part("light field")];
-            parts.extend(run.view_residual.clone());
-            encode(parts)
+            parts.extend(run.view_residual.iter().map(Part::borrowed));
+            encode(&parts)
         }));
     }
     products
@@ -90,13 +88,13 @@ pub fn products<'a>(run: &'a Run, page: &'a Page<'a>) -> Vec<Product<'a>> {
 
 fn brdf_products(brdf: &BrdfEstimate) -> Vec<Product<'_>> {
     vec![
-        Product::bytes("brdf.csv", move || {
+        Product::new("brdf.csv", move || {
             Ok(material::table(brdf, 1).to_csv().into_bytes())
         }),
-        Product::bytes("brdf_spectrum.csv", move || {
+        Product::new("brdf_spectrum.csv", move || {
             Ok(brdf_products::spectrum_csv(brdf).into_bytes())
         }),
-        Product::bytes("brdf.exr", move || encode(vec![brdf_products::image(brdf)])),
+        Product::new("brdf.exr", move || encode(&[brdf_products::image(brdf)])),
     ]
 }
 
@@ -108,16 +106,16 @@ fn models_json(models: &BrdfModels) -> Result<Vec<u8>> {
 
 fn lighting_products<'a>(run: &'a Run, lighting: &'a LightingEstimate) -> Vec<Product<'a>> {
     vec![
-        Product::new("lighting.csv", move |path| {
+        Product::new("lighting.csv", move || {
             let values: Vec<Vec<f64>> = lighting.channels.iter().map(|c| c.table.clone()).collect();
             let sigma: Vec<Vec<f64>> = lighting
                 .channels
                 .iter()
                 .map(|c| c.table_sigma.clone())
                 .collect();
-            write_values(path, &run.channels, &values, Some(&sigma))
+            Ok(values_csv(&run.channels, &values, Some(&sigma)).into_bytes())
         }),
-        Product::new("lighting_spectrum.csv", move |path| {
+        Product::new("lighting_spectrum.csv", move || {
             let rows: Vec<SpectrumRow> = lighting
                 .channels
                 .iter()
@@ -131,10 +129,10 @@ fn lighting_products<'a>(run: &'a Run, lighting: &'a LightingEstimate) -> Vec<Pr
                     })
                 })
                 .collect();
-            write_spectrum(path, &rows)
+            Ok(spectrum_csv(&rows).into_bytes())
         }),
-        Product::new("lighting.exr", move |path| {
-            write_lat_long(path, &lighting.without_negative())
+        Product::new("lighting.exr", move || {
+            lat_long(&lighting.without_negative())
         }),
     ]
 }
@@ -394,14 +392,34 @@ impl Folder {
     fn stage(&self, run: &Run, page: &Page<'_>) -> Result<()> {
         let staging = files::stage(&self.path)?;
         let products = products(run, page);
-        let hashes: BTreeMap<String, String> = products
-            .par_iter()
-            .map(|product| {
-                let path = staging.join(product.name);
-                (product.write)(&path).map_err(|e| e.file(self.path.join(product.name)))?;
-                Ok((product.name.to_string(), hash(&files::bytes(&path)?)))
-            })
-            .collect::<Result<_>>()?;
+        let hashes: BTreeMap<String, String> = thread::scope(|scope| {
+            let written: Vec<_> = products
+                .par_iter()
+                .map(|product| {
+                    let named = |e: Error| e.file(self.path.join(product.name));
+                    let bytes = (product.make)().map_err(named)?;
+                    let path = staging.join(product.name);
+                    let file = Arc::new(files::write_unflushed(&path, &bytes).map_err(named)?);
+                    // While the disk is waited for, a processor has other work.
+                    let own = Arc::clone(&file);
+                    let flushing = thread::Builder::new().spawn_scoped(scope, move || own.flush());
+                    if flushing.is_err() {
+                        file.flush().map_err(named)?;
+                    }
+                    Ok((product.name, hash(&bytes), flushing.ok()))
+                })
+                .collect::<Result<_>>()?;
+            written
+                .into_iter()
+                .map(|(name, hash, flushing)| {
+                    let ended = flushing.map(thread::ScopedJoinHandle::join).transpose();
+                    let flushed = ended.map_err(|_| Error::failed("a file was not flushed"));
+                    let flushed = flushed.and_then(Option::transpose);
+                    flushed.map_err(|e| e.file(self.path.join(name)))?;
+                    Ok((name.to_string(), hash))
+                })
+                .collect::<Result<_>>()
+        })?;
         let provenance = Provenance {
             format: FORMAT,
             program: "flatlight".into(),
@@ -414,9 +432,8 @@ impl Folder {
         let text = serde_json::to_value(&provenance)
             .map_err(|e| Error::failed(format!("provenance cannot be written as JSON: {e}")))?;
         files::flush_folder(&staging)?;
-        // Whole, for its being there says that all others are.
-        files::write_whole(&staging.join(PROVENANCE), &pretty(&text))?;
-        files::flush_folder(&staging)
+        // Whole, for its being there says that all others are; its folder is flushed with it.
+        files::write_whole(&staging.join(PROVENANCE), &pretty(&text))
     }
 
     /// Gives the staged products their names.

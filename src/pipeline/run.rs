@@ -31,7 +31,7 @@ pub struct Recovered {
     /// As in [`Run`].
     pub residual: Option<LightField>,
     /// As in [`Run`].
-    pub view_residual: Option<Part>,
+    pub view_residual: Option<Part<'static>>,
     /// As in [`Run`].
     pub fit: Vec<FitQuality>,
     /// As in [`Run`].
@@ -86,7 +86,7 @@ pub struct Run {
     pub residual: Option<LightField>,
     /// Measured minus predicted for each photo's strip, a row per view.
     #[serde(skip)]
-    pub view_residual: Option<Part>,
+    pub view_residual: Option<Part<'static>>,
     /// How well the recovery explains the samples, per channel; empty without one.
     pub fit: Vec<FitQuality>,
     /// The recovered lighting.
@@ -119,15 +119,13 @@ fn nothing_seen() -> LightField {
 
 /// Bytes as text, two hexadecimal digits each.
 mod hexadecimal {
-    use std::fmt::Write as _;
-
     use serde::{Deserialize as _, Deserializer, Serializer};
 
     pub fn serialize<S: Serializer>(bytes: &[u8], to: S) -> Result<S::Ok, S::Error> {
+        let digit = |value: u8| char::from(b"0123456789abcdef"[usize::from(value & 15)]);
+        let digits = bytes.iter().flat_map(|b| [digit(b >> 4), digit(*b)]);
         let mut text = String::with_capacity(2 * bytes.len());
-        for byte in bytes {
-            let _ = write!(text, "{byte:02x}");
-        }
+        text.extend(digits);
         to.serialize_str(&text)
     }
 

@@ -97,6 +97,16 @@ impl Turns {
         }
     }
 
+    /// A series at the samples.
+    fn values(&self, series: &Series) -> Vec<f64> {
+        match self {
+            Self::Regular(n, start) => CircleTransform::new(*n, *start).synthesise(series),
+            Self::Irregular(turns) => irregular::synthesise(turns, &[series])
+                .pop()
+                .unwrap_or_default(),
+        }
+    }
+
     /// Σ_i value_i e^{−idα_i} for 0 ≤ d ≤ order, for each of some lists of values: an FFT on a regular circle, else by
     /// recurrence.
     fn sums(&self, column: &Column, values: &[&[f64]], order: usize) -> Vec<Vec<Complex64>> {
@@ -221,26 +231,15 @@ impl NormalSystem {
     }
 
     /// The samples that light `series` would give, \[column\]\[n\].
-    pub fn predict(&self, samples: &Samples, series: &Series) -> Vec<Vec<f64>> {
-        samples
-            .columns
+    pub fn predict(&self, series: &Series) -> Vec<Vec<f64>> {
+        self.turns
             .par_iter()
             .zip(&self.transfer)
-            .map(|(column, h)| {
-                let b = Series {
-                    coefficients: h
-                        .iter()
-                        .zip(&series.coefficients)
-                        .map(|(h, l)| h * l)
-                        .collect(),
-                };
-                match column.regular() {
-                    Some(n) => {
-                        let start = column.alpha.first().copied().unwrap_or(0.0);
-                        CircleTransform::new(n, start).synthesise(&b)
-                    }
-                    None => column.alpha.iter().map(|&a| b.evaluate(a)).collect(),
-                }
+            .map(|(turns, h)| {
+                let both = h.iter().zip(&series.coefficients);
+                turns.values(&Series {
+                    coefficients: both.map(|(h, l)| h * l).collect(),
+                })
             })
             .collect()
     }
@@ -513,7 +512,7 @@ mod tests {
         let samples = irregular(false);
         let system = NormalSystem::new(&samples, 0, &Lobe, 6);
         let x: Vec<f64> = (0..13).map(|k| (k as f64 * 1.3).cos()).collect();
-        let predicted = system.predict(&samples, &to_series(&x));
+        let predicted = system.predict(&to_series(&x));
         // D x projected is A x.
         let projected = system.project(&samples, &predicted);
         for (a, projected) in projected.iter().enumerate() {

@@ -339,8 +339,8 @@ impl Block {
                 .map(|(p, l)| Complex64::new(0.0, p as f64) * l)
                 .collect(),
         };
-        let predicted = system.predict(&samples, &series);
-        let slopes = system.predict(&samples, &turned);
+        let predicted = system.predict(&series);
+        let slopes = system.predict(&turned);
 
         let common: Vec<Vec<Vec<f64>>> = stated
             .systematics

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::number::{fixed, short};
+use super::number::{fixed, short, write_decimals};
 
 /// Rows shown in the page; the CSV has all.
 const SHOWN_ROWS: usize = 40;
@@ -51,7 +51,7 @@ impl Cell {
                 };
             }
             Self::Fixed(v, decimals) if v.is_finite() => {
-                let _ = write!(out, "{v:.decimals$}");
+                write_decimals(*v, *decimals, out);
             }
             Self::Number(_) | Self::Fixed(..) => {}
             Self::Text(text) => write_csv_text(text, out),
@@ -100,16 +100,21 @@ impl Table {
 
 /// A CSV file as a `data:` URI.
 pub fn data_uri(csv: &str) -> String {
+    // Unreserved characters of RFC 3986 and the comma stay as they are.
+    let stays = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.' | '_' | '~' | ',');
     let mut out = String::with_capacity(csv.len() + csv.len() / 8 + 32);
     out.push_str("data:text/csv;charset=utf-8,");
-    for byte in csv.bytes() {
-        // Unreserved characters of RFC 3986 and the comma stay as they are.
-        if byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'.' | b'_' | b'~' | b',') {
-            out.push(char::from(byte));
-        } else {
+    let mut rest = csv;
+    while let Some((at, c)) = rest.char_indices().find(|(_, c)| !stays(*c)) {
+        let (before, after) = rest.split_at(at);
+        let (escaped, after) = after.split_at(c.len_utf8());
+        out.push_str(before);
+        for byte in escaped.bytes() {
             let _ = write!(out, "%{byte:02X}");
         }
+        rest = after;
     }
+    out.push_str(rest);
     out
 }
 

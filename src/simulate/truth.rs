@@ -50,7 +50,7 @@ impl Truth<'_> {
         };
         write_table(&folder.join("lighting.csv"), &smooth, LINES, None)?;
         write_spectrum(&folder.join("lighting_spectrum.csv"), &self.spectrum())?;
-        let field = encode(vec![self.light_field.part("light field")])?;
+        let field = encode(&[self.light_field.part("light field")])?;
         files::write(&folder.join("light_field.exr"), &field)
     }
 

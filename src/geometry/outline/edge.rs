@@ -600,13 +600,15 @@ fn terms(depth: f64, slant: f64) -> ([f64; 5], [f64; 5]) {
     let a = (depth - 0.5).max(0.0) * slant;
     let b = (depth + 0.5).max(0.0) * slant;
     let (root_a, root_b) = (a.sqrt(), b.sqrt());
-    let covered = (b - a) / slant;
+    // The same for all pixels: nothing is divided in a loop over them.
+    let per_depth = 1.0 / slant;
+    let covered = (b - a) * per_depth;
     let basis = [
         1.0 - covered,
         covered,
-        (b * root_b - a * root_a) / (1.5 * slant),
-        0.5 * (b * b - a * a) / slant,
-        (b * b * root_b - a * a * root_a) / (2.5 * slant),
+        (b * root_b - a * root_a) * (per_depth / 1.5),
+        0.5 * (b * b - a * a) * per_depth,
+        (b * b * root_b - a * a * root_a) * (per_depth / 2.5),
     ];
     let one_if = |inside: bool| if inside { 1.0 } else { 0.0 };
     let crossed = one_if(b > 0.0) - one_if(a > 0.0);

@@ -13,6 +13,8 @@ const BANDS: usize = 8;
 /// A sphere's rows are used up to this many radii above and below its centre, where the limb crosses
 /// a row at 45°: beyond, it is too slanted to be located along the row.
 const SPHERE_REACH: f64 = 0.7;
+/// Up to so many values are sorted pair by pair for their median.
+const FEW: usize = 8;
 
 /// Brightness about one side's predicted limb, along the rows of one band.
 pub(super) struct Strip {
@@ -47,21 +49,30 @@ pub(super) fn cut(
         return Vec::new();
     };
     let mut strips = Vec::new();
+    let mut last = [None; 2];
     for band in bands(rows) {
-        for side in Side::BOTH {
+        for (side, last) in Side::BOTH.into_iter().zip(&mut last) {
+            // From row to row the limb moves little.
+            let mut limb = |row: f64| -> Option<f64> {
+                *last = match *last {
+                    Some(near) => predicted.limb_at_row_near(near, row, side),
+                    None => predicted.limb_at_row(row, side),
+                };
+                *last
+            };
             let lines: Vec<Line> = band
                 .iter()
-                .filter_map(|row| line(radiance, predicted, *row, side, reach))
+                .filter_map(|row| {
+                    let limb = limb(f64::from(*row) + 0.5)?;
+                    line(radiance, limb, *row, side, reach)
+                })
                 .collect();
             let (Some(a), Some(b)) = (lines.first(), lines.last()) else {
                 continue;
             };
             let row = 0.5 * (a.row + b.row);
             let step = 2.0;
-            let lean = match (
-                predicted.limb_at_row(row - step, side),
-                predicted.limb_at_row(row + step, side),
-            ) {
+            let lean = match (limb(row - step), limb(row + step)) {
                 (Some(above), Some(below)) => (below - above) / (2.0 * step),
                 _ => 0.0,
             };
@@ -110,15 +121,8 @@ fn bands(rows: Range<u32>) -> Vec<Vec<u32>> {
         .collect()
 }
 
-fn line(
-    radiance: &Radiance,
-    predicted: &ViewGeometry,
-    row: u32,
-    side: Side,
-    reach: f64,
-) -> Option<Line> {
+fn line(radiance: &Radiance, limb: f64, row: u32, side: Side, reach: f64) -> Option<Line> {
     let centre = f64::from(row) + 0.5;
-    let limb = predicted.limb_at_row(centre, side)?;
     let width = radiance.size[0] as usize;
     let offset = row.checked_sub(radiance.rows.start)? as usize * width;
     let length = (2.0 * reach) as usize;
@@ -279,5 +283,15 @@ impl Strip {
 
 fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
+    if values.len() > FEW {
+        return Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1);
+    }
+    // A few are sorted without a branch that depends on them: every one is as often less as not. Zeros are all the same here.
+    for end in 1..values.len() {
+        for k in (0..end).rev() {
+            let (a, b) = (values[k], values[k + 1]);
+            (values[k], values[k + 1]) = (a.min(b), a.max(b));
+        }
+    }
+    values.get(middle).copied()
 }

@@ -11,6 +11,7 @@
 use nalgebra::SMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use super::{Common, Observation, Of, Setting};
 
@@ -64,31 +65,35 @@ pub(super) fn genuine(setting: &Setting, limbs: &[Observation]) -> Vec<bool> {
                 if b.0 > a.0 { b } else { a }
             })
     };
-    let mut best: Vec<_> = hypotheses.into_iter().map(judged).collect();
+    let mut best: Vec<_> = hypotheses.into_par_iter().map(judged).collect();
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     best.truncate(REFINED);
-    let refined = best.into_iter().map(|mut found| {
-        for _ in 0..STEPS {
-            let (_, spread, common) = found;
-            let missed = misses(setting, limbs, &common);
-            let weighted = limbs
-                .iter()
-                .zip(&missed)
-                .map(|(o, miss)| (o, belief(setting, o, *miss, spread).0));
-            let Some(next) = step(setting, weighted, spread, &common) else {
-                break;
-            };
-            let next = judged(next);
-            if !(next.0 > found.0 + 1e-6) {
-                break;
+    let refined: Vec<_> = best
+        .into_par_iter()
+        .map(|mut found| {
+            for _ in 0..STEPS {
+                let (_, spread, common) = found;
+                let missed = misses(setting, limbs, &common);
+                let weighted = limbs
+                    .iter()
+                    .zip(&missed)
+                    .map(|(o, miss)| (o, belief(setting, o, *miss, spread).0));
+                let Some(next) = step(setting, weighted, spread, &common) else {
+                    break;
+                };
+                let next = judged(next);
+                if !(next.0 > found.0 + 1e-6) {
+                    break;
+                }
+                found = next;
             }
-            found = next;
-        }
-        found
-    });
-    let (_, spread, common) = refined.fold((f64::NEG_INFINITY, 1.0, Common::zeros()), |a, b| {
-        if b.0 > a.0 { b } else { a }
-    });
+            found
+        })
+        .collect();
+    let nothing = (f64::NEG_INFINITY, 1.0, Common::zeros());
+    type Judged = (f64, f64, Common);
+    let better = |a: Judged, b: Judged| if b.0 > a.0 { b } else { a };
+    let (_, spread, common) = refined.into_iter().fold(nothing, better);
     let missed = misses(setting, limbs, &common);
     let mut genuine: Vec<bool> = limbs
         .iter()

@@ -187,7 +187,7 @@ impl Field {
         let light: Vec<f64> = (0..size).map(|i| solved[(i, 0)]).collect();
         let covariance = factor.solve(Mat::<f64>::identity(size, size));
         let effective = size as f64 - (1..size).map(|i| prior * covariance[(i, i)]).sum::<f64>();
-        let predicted = system.predict(samples, &to_series(&light));
+        let predicted = system.predict(&to_series(&light));
         let mut residuals = Vec::with_capacity(system.count + size);
         for (column, predicted) in samples.columns.iter().zip(&predicted) {
             let measured = column.value[0].iter().zip(&column.variance[0]);

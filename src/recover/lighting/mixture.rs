@@ -239,13 +239,12 @@ impl Fit {
     /// Samples that the given light would give, \[column\]\[n\].
     pub fn predict(
         &self,
-        samples: &Samples,
         channel: &Channel<'_>,
         smooth: &Series,
         irradiance: &[f64],
         systematics: &[f64],
     ) -> Vec<Vec<f64>> {
-        let mut predicted = channel.system.predict(samples, smooth);
+        let mut predicted = channel.system.predict(smooth);
         let sources = self.responses.iter().map(Arc::as_ref).zip(irradiance);
         for (response, e) in sources.chain(channel.systematics.iter().zip(systematics)) {
             for (column, f) in predicted.iter_mut().zip(response) {

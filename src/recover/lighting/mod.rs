@@ -382,7 +382,7 @@ fn finish(
         .take_while(|c| c.status == Status::Determined)
         .count()
         .checked_sub(1);
-    let predicted = fit.predict(samples, channel, &smooth, irradiance, systematics);
+    let predicted = fit.predict(channel, &smooth, irradiance, systematics);
     let (mut sum, mut chi2, mut largest, mut count) = (0.0, 0.0, 0.0f64, 0usize);
     for (column, predicted) in samples.columns.iter().zip(&predicted) {
         let measured = column.value[channel.index]

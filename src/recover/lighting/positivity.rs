@@ -58,14 +58,51 @@ struct Whitened<'a> {
     normals: Vec<Vec<f64>>,
     w: Vec<f64>,
     active: Vec<usize>,
+    is_active: Vec<bool>,
     multipliers: Vec<f64>,
     /// Orthonormal basis of the active normals, in the order they were taken in, and R with V_Aᵀ = Q R.
     basis: Vec<Vec<f64>>,
     triangle: Vec<Vec<f64>>,
 }
 
+/// a · b, with the processor's widest instructions.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    pulp::Arch::new().dispatch(Dot(a, b))
+}
+
+struct Dot<'a>(&'a [f64], &'a [f64]);
+
+impl pulp::WithSimd for Dot<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> f64 {
+        // Sums side by side: each waits for its last addition.
+        let mut sums = [simd.splat_f64s(0.0); 4];
+        let ((a, a_rest), (b, b_rest)) = (S::as_simd_f64s(self.0), S::as_simd_f64s(self.1));
+        for (a, b) in a.chunks(sums.len()).zip(b.chunks(sums.len())) {
+            for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+                *sum = simd.mul_add_e_f64s(*a, *b, *sum);
+            }
+        }
+        let [x, y, z, w] = sums;
+        let sum = simd.add_f64s(simd.add_f64s(x, y), simd.add_f64s(z, w));
+        let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+        simd.reduce_sum_f64s(sum) + rest
+    }
+}
+
+/// The products of each of some vectors with one.
+struct Dots<'a>(&'a [Vec<f64>], &'a [f64]);
+
+impl pulp::WithSimd for Dots<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Vec<f64> {
+        let with = |a: &Vec<f64>| Dot(a, self.1).with_simd(simd);
+        self.0.iter().map(with).collect()
+    }
 }
 
 impl<'a> Whitened<'a> {
@@ -79,6 +116,7 @@ impl<'a> Whitened<'a> {
                 .collect(),
             w: vec![0.0; n],
             active: Vec::new(),
+            is_active: vec![false; normals.nrows()],
             multipliers: Vec::new(),
             basis: Vec::new(),
             triangle: Vec::new(),
@@ -92,9 +130,10 @@ impl<'a> Whitened<'a> {
     fn solve(mut self) -> Result<Vec<f64>> {
         let limit = 20 * (self.normals.len() + self.w.len());
         for _ in 0..limit {
+            let along = pulp::Arch::new().dispatch(Dots(&self.normals, &self.w));
             let worst = (0..self.normals.len())
-                .filter(|k| !self.active.contains(k))
-                .map(|k| (self.violation(k), k))
+                .filter(|&k| !self.is_active[k])
+                .map(|k| (self.slack[k] + along[k], k))
                 .min_by(|a, b| a.0.total_cmp(&b.0));
             match worst {
                 Some((violation, k)) if violation < -self.tolerance => {
@@ -167,6 +206,7 @@ impl<'a> Whitened<'a> {
                     along.push(size);
                     self.triangle.push(along);
                     self.active.push(k);
+                    self.is_active[k] = true;
                     self.multipliers.push(own_multiplier);
                     return true;
                 }
@@ -189,7 +229,7 @@ impl<'a> Whitened<'a> {
 
     /// Takes active constraint `j` out and makes R triangular again by rotations.
     fn drop(&mut self, j: usize) {
-        self.active.remove(j);
+        self.is_active[self.active.remove(j)] = false;
         self.multipliers.remove(j);
         self.triangle.remove(j);
         for i in j..self.triangle.len() {

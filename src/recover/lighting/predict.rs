@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::LightingEstimate;
 use super::sources::{Lit, Response};
 use crate::brdf::{Brdf, Material, transfer_row};
-use crate::fourier::{CircleTransform, Series};
+use crate::fourier::{CircleTransform, Series, irregular};
 use crate::light_field::{Column, Samples};
 
 /// B that the estimate predicts for every sample that is not missing, \[channel\]\[column\]\[n\]; 0 for
@@ -33,66 +33,65 @@ pub fn predict_all(
     sets.iter()
         .map(|samples| {
             let sources = of_sources(estimate, material, samples);
-            (0..estimate.channels.len())
-                .into_par_iter()
-                .map(|c| {
-                    let smooth = &estimate.channels[c].smooth;
-                    let columns = samples.columns.par_iter().enumerate();
-                    columns
-                        .map(|(j, column)| {
-                            let mut predicted =
-                                smooth_column(column, c, smooth, transfers.row(c, column));
-                            for (response, e) in
-                                sources[c].iter().zip(&estimate.channels[c].irradiance)
-                            {
-                                let both = predicted.iter_mut().zip(&response[j]);
-                                for ((b, f), v) in both.zip(&column.variance[c]) {
-                                    *b += if v.is_finite() { e * f } else { 0.0 };
-                                }
+            let columns: Vec<Vec<Vec<f64>>> = samples
+                .columns
+                .par_iter()
+                .enumerate()
+                .map(|(j, column)| {
+                    let mut predicted = smooth_columns(column, estimate, &transfers);
+                    for (c, predicted) in predicted.iter_mut().enumerate() {
+                        let irradiance = &estimate.channels[c].irradiance;
+                        for (response, e) in sources[c].iter().zip(irradiance) {
+                            for (b, f) in predicted.iter_mut().zip(&response[j]) {
+                                *b += e * f;
                             }
-                            predicted
-                        })
-                        .collect()
+                        }
+                        for (b, v) in predicted.iter_mut().zip(&column.variance[c]) {
+                            *b = if v.is_finite() { *b } else { 0.0 };
+                        }
+                    }
+                    predicted
                 })
-                .collect()
+                .collect();
+            let mut channels = vec![Vec::with_capacity(columns.len()); estimate.channels.len()];
+            for column in columns {
+                for (channel, column) in channels.iter_mut().zip(column) {
+                    channel.push(column);
+                }
+            }
+            channels
         })
         .collect()
 }
 
-/// What the light's smooth part gives the samples of a column in channel `c`, by its response H_p; 0 for missing samples.
-fn smooth_column(
+/// What the light's smooth part gives the samples of a column, \[channel\]\[n\].
+fn smooth_columns(
     column: &Column,
-    c: usize,
-    smooth: &Series,
-    transfer: Option<&[Complex64]>,
-) -> Vec<f64> {
-    let n = column.alpha.len();
-    let Some(transfer) = transfer else {
-        return vec![0.0; n];
-    };
-    let both = transfer.iter().zip(&smooth.coefficients);
-    let reflected = Series {
-        coefficients: both.map(|(h, l)| h * l).collect(),
-    };
-    let mut predicted = match column.regular() {
-        Some(n) => CircleTransform::new(n, column.alpha[0]).synthesise(&reflected),
-        None => column
-            .alpha
-            .iter()
-            .zip(&column.variance[c])
-            .map(|(&alpha, v)| {
-                if v.is_finite() {
-                    reflected.evaluate(alpha)
-                } else {
-                    0.0
-                }
-            })
-            .collect(),
-    };
-    for (b, v) in predicted.iter_mut().zip(&column.variance[c]) {
-        *b = if v.is_finite() { *b } else { 0.0 };
+    estimate: &LightingEstimate,
+    transfers: &Transfers,
+) -> Vec<Vec<f64>> {
+    let reflected: Vec<Series> = estimate
+        .channels
+        .iter()
+        .enumerate()
+        .map(|(c, channel)| {
+            let transfer = transfers.row(c, column).unwrap_or_default();
+            let both = transfer.iter().zip(&channel.smooth.coefficients);
+            Series {
+                coefficients: both.map(|(h, l)| h * l).collect(),
+            }
+        })
+        .collect();
+    match column.regular() {
+        Some(n) => {
+            let circle = CircleTransform::new(n, column.alpha[0]);
+            reflected.iter().map(|s| circle.synthesise(s)).collect()
+        }
+        None => {
+            let series: Vec<&Series> = reflected.iter().collect();
+            irregular::synthesise(&irregular::turns(&column.alpha), &series)
+        }
     }
-    predicted
 }
 
 /// What a unit of each source gives the samples, \[channel\]\[source\]\[column\]\[n\].

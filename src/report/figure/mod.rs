@@ -172,13 +172,8 @@ fn cell_image(
     value: impl Fn(usize) -> f64,
 ) -> CellImage {
     let grid = field.grid;
-    let seen = |i: usize, j: usize| {
-        field
-            .weight
-            .get(channel)
-            .and_then(|w| w.get(grid.index(i, j)))
-            .is_some_and(|w| *w > 0.0)
-    };
+    let weight = field.weight.get(channel).map_or(&[][..], Vec::as_slice);
+    let seen = |at: usize| weight.get(at).is_some_and(|w| *w > 0.0);
     let widest = if detail == Detail::Coarse { 360 } else { 720 };
     let least = grid.normals.div_ceil(widest).max(1);
     let most = if detail == Detail::Gaps {
@@ -194,16 +189,19 @@ fn cell_image(
     let filled = |factor: usize, least_share: f64| {
         let all = visible.len() * grid.normals.div_ceil(factor);
         let mut may_be_empty = ((1.0 - least_share) * all as f64) as usize;
-        for start in (0..grid.normals).step_by(factor) {
-            let end = (start + factor).min(grid.normals);
-            for &j in &visible {
-                if !(start..end).any(|i| seen(i, j)) {
-                    if may_be_empty == 0 {
-                        return false;
-                    }
-                    may_be_empty -= 1;
+        let mut any = vec![false; grid.locals];
+        for rows in weight.chunks((factor * grid.locals).max(1)) {
+            any.fill(false);
+            for row in rows.chunks(grid.locals.max(1)) {
+                for (any, w) in any.iter_mut().zip(row) {
+                    *any |= *w > 0.0;
                 }
             }
+            let empty = visible.iter().filter(|&&j| !any[j]).count();
+            if empty > may_be_empty {
+                return false;
+            }
+            may_be_empty -= empty;
         }
         true
     };
@@ -218,26 +216,27 @@ fn cell_image(
         .unwrap_or(1);
     let columns = grid.normals.div_ceil(merged);
     let rows = grid.locals.div_ceil(local_step);
-    let mut values = Vec::with_capacity(columns * rows);
-    for row in (0..rows).rev() {
-        for column in 0..columns {
-            let (mut sum, mut count) = (0.0, 0usize);
-            for j in row * local_step..((row + 1) * local_step).min(grid.locals) {
-                for i in column * merged..((column + 1) * merged).min(grid.normals) {
-                    if seen(i, j) {
-                        let v = value(grid.index(i, j));
-                        if v.is_finite() {
-                            sum += v;
-                            count += 1;
-                        }
+    let mut values = vec![f64::NAN; columns * rows];
+    let mut sums = vec![(0.0, 0usize); rows];
+    for column in 0..columns {
+        sums.fill((0.0, 0));
+        for i in column * merged..((column + 1) * merged).min(grid.normals) {
+            for j in 0..grid.locals {
+                let at = grid.index(i, j);
+                if seen(at) {
+                    let v = value(at);
+                    if v.is_finite() {
+                        let (sum, count) = &mut sums[j / local_step];
+                        *sum += v;
+                        *count += 1;
                     }
                 }
             }
-            values.push(if count > 0 {
-                sum / count as f64
-            } else {
-                f64::NAN
-            });
+        }
+        for (row, (sum, count)) in sums.iter().enumerate() {
+            if *count > 0 {
+                values[(rows - 1 - row) * columns + column] = sum / *count as f64;
+            }
         }
     }
     CellImage {

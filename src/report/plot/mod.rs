@@ -18,6 +18,8 @@ pub use scale::{Scale, bounds, quantile};
 
 use std::fmt::Write as _;
 
+use super::number::write_decimals;
+
 /// The drawing sizes, in the user units of the SVG (about CSS pixels).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
@@ -121,7 +123,8 @@ pub fn coordinate(value: f64) -> String {
     } else {
         -99_999.0
     };
-    let text = format!("{value:.1}");
+    let mut text = String::new();
+    write_decimals(value, 1, &mut text);
     let text = text.strip_suffix(".0").unwrap_or(&text);
     if text == "-0" { "0" } else { text }.to_owned()
 }
