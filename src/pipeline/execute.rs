@@ -13,6 +13,7 @@ use super::explain;
 use super::fingerprint::fingerprint;
 use super::fit;
 use super::joint;
+use super::known;
 use super::lean;
 use super::material;
 use super::measure::{Measured, at_angles, take};
@@ -272,34 +273,28 @@ impl Task<'_> {
         };
         let radius = self.measured.views.iter().map(|v| v.radius_px);
         let radius_px = radius.fold(f64::INFINITY, f64::min);
-        let widened = joint::with_model_error(samples, radius_px);
+        let widened = known::with_model_error(samples, radius_px);
         let mut found = factorise::recover_with(&widened, &self.measured.systematics, &options)?;
         let parametric = joint::parametric(&found, &widened, &options.scale);
         drop(widened);
         clock.lap("factorisation");
         self.progress.step();
-        // The slice under the light that is known, from what that light did.
-        let light = joint::known_light(&found);
-        let systematics = &self.measured.systematics;
-        let corrected = joint::corrected(&found, samples, systematics);
-        let (part, widened) = joint::known_part(&found, &corrected);
-        drop(corrected);
-        let open = joint::open_systematics(&found, samples, systematics);
         let mut options = material::options(&recipe.recovery)?;
         let band = found.channels.iter().map(|c| c.band).max();
         options.order = options.order.max(band.unwrap_or(0));
-        let errors = joint::light_errors(&found);
-        let widened = joint::with_model_error(&widened, radius_px);
-        let estimate = brdf::recover_under(&widened, &open, &light, &errors, &options)?;
-        drop((widened, open));
-        joint::retract_unseen(&mut found, &estimate);
+        let systematics = &self.measured.systematics;
+        let known::Slice {
+            estimate,
+            light,
+            part,
+        } = known::slice(&mut found, samples, systematics, radius_px, &options)?;
         clock.lap("BRDF");
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");
         let slice = material::as_material(&estimate)?;
         let cells = self.measured.field.samples();
-        let on_grid = fit::predict(&joint::light(&found), &slice, &cells)?;
-        let on_samples = fit::predict(&joint::light(&found), &slice, samples)?;
+        let on_grid = fit::predict(&known::light(&found), &slice, &cells)?;
+        let on_samples = fit::predict(&known::light(&found), &slice, samples)?;
         let mut recovered = self.residuals((&cells, &on_grid), &on_samples);
         recovered.fit = fit::quality(&part, &fit::predict(&light, &slice, &part)?);
         for (fit, channel) in recovered.fit.iter_mut().zip(&found.channels) {
@@ -390,15 +385,12 @@ fn straighter(
         ..material::options(recovery)?
     };
     let again = |samples: &Samples| {
-        let widened = joint::with_model_error(samples, radius_px);
-        let found = factorise::recover_with(&widened, &[], &jointly)?;
-        let light = joint::known_light(&found);
-        let (part, widened) = joint::known_part(&found, samples);
-        let widened = joint::with_model_error(&widened, radius_px);
-        let estimate = brdf::recover_with(&widened, &[], &light, &options)?;
-        let slice = material::as_material(&estimate)?;
-        let predicted = fit::predict(&light, &slice, &part)?;
-        Ok(mean_unexplained(&fit::quality(&part, &predicted)))
+        let widened = known::with_model_error(samples, radius_px);
+        let mut found = factorise::recover_with(&widened, &[], &jointly)?;
+        let under = known::slice(&mut found, samples, &[], radius_px, &options)?;
+        let slice = material::as_material(&under.estimate)?;
+        let predicted = fit::predict(&under.light, &slice, &under.part)?;
+        Ok(mean_unexplained(&fit::quality(&under.part, &predicted)))
     };
     trial::straighter(&trial::one_channel(samples, channel), &again)
 }

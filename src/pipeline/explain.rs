@@ -37,17 +37,19 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
         ),
         _ => ("lighting and BRDF", SURROUNDINGS.to_string()),
     };
-    recovered
-        .fit
-        .iter()
-        .zip(&measured.samples.channels)
-        .filter_map(|(fit, name)| {
+    let said = recovered.fit.iter().zip(&measured.samples.channels);
+    grouped(
+        said.filter_map(|(fit, name)| {
             let (limits, across_limit) = match fit.verdict {
                 Verdict::Refused => ([REFUSED, VIOLATION_REFUSED, STRUCTURE_REFUSED], ACROSS_REFUSED),
                 _ => ([DOUBTFUL, VIOLATION_DOUBTFUL, STRUCTURE_DOUBTFUL], ACROSS_DOUBTFUL),
             };
             let (usual, consequence) = match fit.verdict {
                 Verdict::Explained => return None,
+                Verdict::Doubtful if fit.curved => (
+                    "usual is below",
+                    "How far light and BRDF are off is not in the error bars.".to_string(),
+                ),
                 Verdict::Doubtful => (
                     "usual is below",
                     "Errors of that order, or larger ones, are not in the error bars.".to_string(),
@@ -120,7 +122,11 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
                 Some(_) => OUT_OF_PLANE,
                 None => model.as_str(),
             };
-            let mut causes = fit.causes.ranked(model, model_first);
+            // What a shoulder leaves behind looks like anything.
+            let mut causes = match fit.curved {
+                true => Vec::new(),
+                false => fit.causes.ranked(model, model_first),
+            };
             if let Some(cause) = &recovered.cause {
                 causes.insert(0, cause.clone());
             }
@@ -130,7 +136,8 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
                 causes.join("; ")
             ))
         })
-        .collect()
+        .collect(),
+    )
 }
 
 /// Plain sentences: what can and what cannot be known from this capture.

@@ -10,6 +10,7 @@ mod explain;
 mod fingerprint;
 mod fit;
 mod joint;
+mod known;
 mod lean;
 mod material;
 mod measure;
