@@ -78,6 +78,7 @@ fn photo() -> Radiance {
         channels: names(),
         variance: vec![vec![1e-8; plane.len()]; 3],
         value: vec![plane; 3],
+        shared: Vec::new(),
         noise_known: true,
     }
 }

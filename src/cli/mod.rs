@@ -103,7 +103,7 @@ result; 1: some failed, and the table and the last lines say which and why; 2: n
     },
     /// Directions of the lights that a mirror ball shows, as CSV: for plane_roll_deg and orbit_deg of a sphere in its place
     #[command(
-        after_help = "Example:\n  flatlight probe ball/ > lights.csv\n  flatlight probe ball/ --views    [[view]] tables for the capture.toml of the sphere in the ball's place\n\nlight_deg is the angle from the optical axis to the light, in the plane of plane_roll_deg; orbit_deg = −light_deg counts\ncamera directions from the light, so that photos by several lights of one fixed camera become views of one light at 0°."
+        after_help = "Example:\n  flatlight probe ball/ > lights.csv\n  flatlight probe ball/ --views    [[view]] tables for the capture.toml of the sphere in the ball's place\n\nlight_deg is the angle from the optical axis to the light, in the plane of plane_roll_deg; orbit_deg = −light_deg counts\ncamera directions from the light, so that photos by several lights of one fixed camera become views of one light at 0°.\nCarry sigma_deg over too, as orbit_sigma_deg under [camera]: how well those angles are known goes into all error bars."
     )]
     Probe {
         /// A folder with the capture.toml of the ball's photos, or that file

@@ -39,6 +39,16 @@ pub fn run(path: &Path, views: bool, common: &Common) -> Result<()> {
     if !views && common.log == Log::Text {
         say::print("file,plane_roll_deg,light_deg,sigma_deg,orbit_deg,column_px,row_px,clipped\n");
     }
+    if views && common.log == Log::Text {
+        let all = found.iter().flatten().map(|light| light.sigma);
+        let (sum, count) = all.fold((0.0, 0.0), |(s, n), sigma| (s + sigma * sigma, n + 1.0));
+        if count > 0.0 {
+            let sigma = f64::sqrt(sum / count).to_degrees();
+            say::print(&format!(
+                "# Under [camera], for how well these angles are known (rms of the lights): orbit_sigma_deg = {sigma:.3}\n\n"
+            ));
+        }
+    }
     for (lights, file) in found.iter().zip(&files) {
         for light in lights {
             say::print(&format!("{}\n", line(light, file, views, common.log)));

@@ -145,6 +145,7 @@ impl Scene {
             channels: vec!["Y".into()],
             variance: vec![vec![(self.noise * self.noise) as f32; value.len()]],
             value: vec![value],
+            shared: Vec::new(),
             noise_known: true,
         }
     }

@@ -330,6 +330,7 @@ mod tests {
             channels: vec!["Y".into()],
             variance: vec![vec![1e-8; value.len()]],
             value: vec![value],
+            shared: Vec::new(),
             noise_known: true,
         }
     }

@@ -140,6 +140,20 @@ fn tiff_of_every_storage() {
     check_damage(&path, false);
 }
 
+/// The beginning of a little-endian TIFF file of one image, after TIFF 6.0 section 2: entries of tag, type, count, and value or place.
+fn tiff_header(entries: &[(u16, u16, u32, u32)]) -> Vec<u8> {
+    let mut bytes = b"II*\0\x08\0\0\0".to_vec();
+    bytes.extend((entries.len() as u16).to_le_bytes());
+    for (tag, kind, count, value) in entries {
+        bytes.extend(tag.to_le_bytes());
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend(count.to_le_bytes());
+        bytes.extend(value.to_le_bytes());
+    }
+    bytes.extend([0; 4]);
+    bytes
+}
+
 #[test]
 fn tiff_of_half_floats_in_tiles() {
     // The encoder writes neither, so the file is put together by hand: little-endian, 16 × 16
@@ -148,11 +162,10 @@ fn tiff_of_half_floats_in_tiles() {
     let path = file(&folder, "a.tif");
     let (across, down) = (WIDTH.div_ceil(16), HEIGHT.div_ceil(16));
     let half = |v: u16| ::exr::prelude::f16::from_f32(f32::from(v >> 6));
-    let mut bytes = b"II*\0\x08\0\0\0".to_vec();
     let count = (across * down) as usize;
     let arrays = 8 + 2 + 12 * 11 + 4;
     let data = arrays + 8 * count;
-    let entries: [(u16, u16, u32, u32); 11] = [
+    let mut bytes = tiff_header(&[
         (256, 4, 1, WIDTH),
         (257, 4, 1, HEIGHT),
         (258, 3, 1, 16),
@@ -164,15 +177,7 @@ fn tiff_of_half_floats_in_tiles() {
         (324, 4, count as u32, arrays as u32),
         (325, 4, count as u32, (arrays + 4 * count) as u32),
         (339, 3, 1, 3),
-    ];
-    bytes.extend((entries.len() as u16).to_le_bytes());
-    for (tag, kind, n, value) in entries {
-        bytes.extend(tag.to_le_bytes());
-        bytes.extend(kind.to_le_bytes());
-        bytes.extend(n.to_le_bytes());
-        bytes.extend(value.to_le_bytes());
-    }
-    bytes.extend([0; 4]);
+    ]);
     (0..count).for_each(|i| bytes.extend(((data + 512 * i) as u32).to_le_bytes()));
     (0..count).for_each(|_| bytes.extend(512_u32.to_le_bytes()));
     for tile in 0..across * down {
@@ -374,8 +379,7 @@ fn a_tiff_that_declares_more_than_it_holds_is_refused() {
         (u32::MAX, u32::MAX, "pixels a side"),
         (1 << 20, 1 << 20, "bytes can hold"),
     ] {
-        let mut bytes = b"II*\0\x08\0\0\0".to_vec();
-        let entries: [(u16, u16, u32, u32); 9] = [
+        let mut bytes = tiff_header(&[
             (256, 4, 1, width),
             (257, 4, 1, height),
             (258, 3, 1, 8),
@@ -385,14 +389,7 @@ fn a_tiff_that_declares_more_than_it_holds_is_refused() {
             (277, 3, 1, 1),
             (278, 4, 1, height),
             (279, 4, 1, 100),
-        ];
-        bytes.extend((entries.len() as u16).to_le_bytes());
-        for (tag, kind, n, value) in entries {
-            bytes.extend(tag.to_le_bytes());
-            bytes.extend(kind.to_le_bytes());
-            bytes.extend(n.to_le_bytes());
-            bytes.extend(value.to_le_bytes());
-        }
+        ]);
         bytes.resize(400, 0);
         std::fs::write(&path, bytes).unwrap();
         let error = read(&path, None).unwrap_err().to_string();

@@ -172,8 +172,10 @@ impl Lean {
                 else {
                     continue;
                 };
-                let b = |k: usize| view.line.stations.value[c][k];
-                let row = Vector3::new(0.5 * (b(k + 1) - b(k - 1)), e, e * b(k));
+                let Some(change) = change(view.line, c, k) else {
+                    continue;
+                };
+                let row = Vector3::new(change, e, e * view.line.stations.value[c][k]);
                 normal += row * row.transpose();
                 right += row * slope;
             }
@@ -205,10 +207,9 @@ impl Lean {
             };
             let window = i.saturating_sub(slant.half).max(1)..(i + slant.half + 1).min(count - 1);
             for c in 0..upright.stations.channels() {
-                let b = |k: usize| view.line.stations.value[c][k];
                 let near = window.clone().filter_map(|k| {
                     let (slope, variance) = slant.slope[k][c]?;
-                    Some((slope - slide * 0.5 * (b(k + 1) - b(k - 1)), variance))
+                    Some((slope - slide * change(view.line, c, k)?, variance))
                 });
                 let (n, sum, variance) = near.fold((0.0, 0.0, 0.0), |t, (slope, variance)| {
                     (t.0 + 1.0, t.1 + slope, t.2 + variance)
@@ -242,6 +243,17 @@ impl Lean {
         let [x, y] = self.axis;
         0.5 * (x * x + y * y)
     }
+}
+
+/// ∂B/∂u at a station of a line, per pixel; `None` next to one that was not seen, whose value says nothing.
+fn change(line: &MeasuredLine, channel: usize, k: usize) -> Option<f64> {
+    let stations = &line.stations;
+    let seen = |k: usize| {
+        let known = stations.variance[channel].get(k)?.is_finite();
+        known.then(|| stations.value[channel][k])
+    };
+    seen(k)?;
+    Some(0.5 * (seen(k + 1)? - seen(k.checked_sub(1)?)?))
 }
 
 /// The correction's own error, from the samples with and without it.

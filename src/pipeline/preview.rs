@@ -137,6 +137,7 @@ mod tests {
             channels: ["R", "G", "B"].map(str::to_owned).to_vec(),
             value: vec![vec![1.0; 64]; 3],
             variance: vec![vec![1e-4; 64]; 3],
+            shared: Vec::new(),
             noise_known: true,
         };
         let whole = colours(&radiance, 2, [8, 2]);

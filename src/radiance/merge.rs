@@ -18,7 +18,7 @@ use super::census::Census;
 use super::exposure::Exposure;
 use super::filters;
 use super::motion::{self, Shift};
-use super::noise::Noise;
+use super::noise::{Noise, shared_rounding};
 use super::recovery;
 use super::smooth;
 use crate::capture::{Capture, Encoding, View};
@@ -163,6 +163,7 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
     let mut census = Census::default();
     exposures.iter().for_each(|e| census.add(&e.census));
     let storage = first.storage;
+    let mut shared = Vec::new();
     let mut merged: Vec<Plane> = if exposures.len() == 1 && !noise_known {
         let reaches: Vec<f32> = planes.iter().map(Bracket::only_reach).collect();
         let scaled = exposures.iter_mut().flat_map(|only| {
@@ -179,10 +180,12 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
             })
             .collect()
     } else {
-        planes
-            .iter()
-            .map(|plane| plane.merge(&plane.expected()))
-            .collect()
+        let merge = |plane: &Bracket<'_>| plane.merge(&plane.expected());
+        let (merged, parts): (Vec<Plane>, Vec<Vec<f32>>) = planes.iter().map(merge).unzip();
+        if noise_known && parts.iter().flatten().any(|part| *part > 0.0) {
+            shared = parts;
+        }
+        merged
     };
     if let Some(sites) = exposures.first().and_then(|e| e.sites.as_ref()) {
         let width = capture.camera.image_size[0] as usize;
@@ -200,6 +203,7 @@ fn of_view(capture: &Capture, view: &View, rows: Range<u32>) -> Result<Developed
             channels,
             value,
             variance,
+            shared,
             noise_known,
         },
         exposures: factors
@@ -342,16 +346,15 @@ impl Bracket<'_> {
         })
     }
 
-    /// Radiance and variance by pixel.
-    fn merge(&self, expected: &[f32]) -> (Vec<f32>, Vec<f32>) {
+    /// Radiance and variance by pixel, and the part of the variance that pixels of one radiance share.
+    fn merge(&self, expected: &[f32]) -> (Plane, Vec<f32>) {
         expected
             .iter()
             .enumerate()
             .map(|(i, &expected)| {
-                self.merge_pixel(i, f64::from(expected))
-                    .map_or((0.0, f32::INFINITY), |(value, variance)| {
-                        (value as f32, variance as f32)
-                    })
+                let merged = self.merge_pixel(i, f64::from(expected));
+                let [value, variance, shared] = merged.unwrap_or([0.0, f64::INFINITY, 0.0]);
+                ((value as f32, variance as f32), shared as f32)
             })
             .unzip()
     }
@@ -366,14 +369,17 @@ impl Bracket<'_> {
         (seconds * scale) as f32
     }
 
-    fn merge_pixel(&self, pixel: usize, expected: f64) -> Option<(f64, f64)> {
-        let (mut weights, mut sum) = (0.0, 0.0);
+    fn merge_pixel(&self, pixel: usize, expected: f64) -> Option<[f64; 3]> {
+        let (mut weights, mut sum, mut shared) = (0.0, 0.0, 0.0);
         let mut dimmest_use: Option<(Measurement, f64)> = None;
         for m in self.measurements(pixel) {
             let mut variance = m.rounding;
+            let mut rounds_alike = m.rounding;
             if let Some(noise) = self.noise {
                 let signal = expected * m.reach;
-                variance += noise.variance(signal);
+                let own = noise.variance(signal);
+                variance += own;
+                rounds_alike = shared_rounding(m.rounding, own);
                 let margin = CLIP_MARGIN * variance.sqrt();
                 let levels = self.exposures.get(m.exposure)?.levels.get(self.channel)?;
                 if signal + margin >= levels.white {
@@ -390,11 +396,15 @@ impl Bracket<'_> {
             let weight = m.reach * m.reach / variance;
             weights += weight;
             sum += weight * m.signal / m.reach;
+            shared += weight * weight * rounds_alike / (m.reach * m.reach);
         }
         if weights > 0.0 {
-            return Some((sum / weights, 1.0 / weights));
+            return Some([sum / weights, 1.0 / weights, shared / (weights * weights)]);
         }
-        dimmest_use.map(|(m, variance)| (m.signal / m.reach, variance / (m.reach * m.reach)))
+        dimmest_use.map(|(m, variance)| {
+            let squared = m.reach * m.reach;
+            [m.signal / m.reach, variance / squared, m.rounding / squared]
+        })
     }
 }
 

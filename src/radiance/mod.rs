@@ -36,7 +36,7 @@ pub use census::{Census, Odd};
 pub use mask::masked;
 pub use merge::{Developed, Found, develop, view};
 pub use motion::Shift;
-pub use noise::Noise;
+pub use noise::{Noise, shared_rounding, shared_rounding_of};
 pub use recovery::{Recovery, recover, resolved};
 pub use response::Response;
 
@@ -51,9 +51,11 @@ pub struct Radiance {
     pub channels: Vec<String>,
     /// Radiance (or the capture's relative unit: value / exposure_s), \[channel\]\[row-major pixel\].
     pub value: Vec<Vec<f32>>,
-    /// Variance of the radiance that is independent between pixels (shot, read, quantisation
-    /// noise), \[channel\]\[row-major pixel\]; infinite where the pixel is missing.
+    /// Variance of the radiance (shot, read, quantisation noise), independent between pixels but for `shared`, \[channel\]\[row-major pixel\]; infinite where the pixel is missing.
     pub variance: Vec<Vec<f32>>,
+    /// Of the variance, what pixels of one and the same radiance do not have each by itself but share: the part of the rounding over
+    /// which noise does not carry them, \[channel\]\[row-major pixel\]. No planes if there is none, or if the noise is not known.
+    pub shared: Vec<Vec<f32>>,
     /// Whether the variance comes from a stated noise model; if not it holds only the
     /// quantisation of the file, and the noise is estimated from the scatter of neighbours.
     pub noise_known: bool,

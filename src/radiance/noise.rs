@@ -21,6 +21,57 @@ impl Noise {
     }
 }
 
+/// Harmonics of a staircase that are summed: what the next ones add is below a hundredth of the rounding.
+const HARMONICS: u32 = 24;
+
+/// Of a rounding error's variance, the part that all measurements of one value have in common when their own noise has the variance
+/// `noise`.
+///
+/// With step q and σ² = `noise`, the mean of rounded values errs by Σ (−1)ᵏ q/(πk) exp(−2π²k²σ²/q²) sin(2πk v/q) over k ≥ 1, the Fourier series of
+/// the staircase seen through the noise (B. Widrow and I. Kollár, "Quantization Noise", Cambridge (2008), chapter 4). Over all values v its
+/// variance is q²/2π² Σ k⁻² exp(−4π²k²σ²/q²): all of q²/12 without noise, 4 % of it at σ = q/3, none from half a step on.
+pub fn shared_rounding(rounding: f64, noise: f64) -> f64 {
+    let ratio = noise / (12.0 * rounding);
+    // Beyond, 1e-17 of the rounding.
+    if !(rounding > 0.0 && ratio < 1.0) {
+        return 0.0;
+    }
+    if !(ratio > 0.0) {
+        return rounding;
+    }
+    let squared = 4.0 * std::f64::consts::PI.powi(2) * ratio;
+    let mut sum = 0.0;
+    for k in 1..=HARMONICS {
+        let k = f64::from(k * k);
+        let term = (-squared * k).exp() / k;
+        sum += term;
+        if term < 1e-4 * sum {
+            return 6.0 / std::f64::consts::PI.powi(2) * rounding * sum;
+        }
+    }
+    // What is left out is below Σ k⁻² beyond, 1/(HARMONICS + ½).
+    (6.0 / std::f64::consts::PI.powi(2) * rounding * (sum + 1.0 / (f64::from(HARMONICS) + 0.5)))
+        .min(rounding)
+}
+
+/// [`shared_rounding`] where the noise is not known, but how measurements of one value scatter (variance): noise and rounding without what
+/// they share.
+pub fn shared_rounding_of(rounding: f64, scatter: f64) -> f64 {
+    if !(rounding > 0.0 && scatter < 12.0 * rounding) {
+        return 0.0;
+    }
+    let (mut low, mut high) = (0.0, scatter.max(0.0));
+    for _ in 0..24 {
+        let noise = 0.5 * (low + high);
+        if noise + rounding - shared_rounding(rounding, noise) > scatter {
+            high = noise;
+        } else {
+            low = noise;
+        }
+    }
+    shared_rounding(rounding, 0.5 * (low + high))
+}
+
 /// What the sensor's description says of levels and noise, in units of signal for one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Levels {
@@ -105,5 +156,48 @@ impl Levels {
             }),
             scale,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn noise_carries_values_over_the_steps() {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        for sigma in [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4] {
+            let (mut errors, mut scatters) = (0.0, 0.0);
+            let (values, rows) = (400, 1000);
+            for v in 0..values {
+                let value = (f64::from(v) + 0.5) / f64::from(values);
+                let (mut sum, mut squares) = (0.0, 0.0);
+                for _ in 0..rows {
+                    let noise: f64 = StandardNormal.sample(&mut random);
+                    let rounded = (value + sigma * noise).round();
+                    sum += rounded;
+                    squares += rounded * rounded;
+                }
+                let mean = sum / f64::from(rows);
+                errors += (mean - value).powi(2);
+                scatters += squares / f64::from(rows) - mean * mean;
+            }
+            let [shared, scatter] = [errors, scatters].map(|s| s / f64::from(values));
+            let found = shared_rounding(1.0 / 12.0, sigma * sigma);
+            // The scatter of 1000 rows is left in the mean, and 1/24 of the harmonics.
+            let by_chance = scatter / f64::from(rows);
+            let allowed = 0.02 / 12.0 + 2.0 * by_chance;
+            assert!(
+                (found - shared).abs() < allowed,
+                "{sigma}: {found} {shared}"
+            );
+            let by_scatter = shared_rounding_of(1.0 / 12.0, scatter);
+            assert!(
+                (by_scatter - shared).abs() < 2.0 * allowed,
+                "{sigma}: {by_scatter} {shared}"
+            );
+        }
     }
 }

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use super::strip::{Line, Profile, Strip};
 
 /// Pixels of background that a decision looks at.
-const OUTSIDE: usize = 8;
+pub(super) const OUTSIDE: usize = 8;
 /// Pixels of surface that a decision looks at; at a radius of 400 px they span 15° of θo′.
 const INSIDE: usize = 12;
 /// How exactly the models describe a limb, relative to the contrast in the window.
@@ -169,6 +169,53 @@ pub(super) struct Edge {
     pub contrast: f64,
     /// χ² of the fit.
     pub chi2: f64,
+    /// Background and l₀ … l₃.
+    pub levels: [f64; 5],
+    /// Row of the inverse of the normal equations that tells the depth, over depth, background and l₀ … l₃.
+    influence: [f64; 6],
+    /// Variance by which each pixel may be off the model.
+    floor: f64,
+    /// Where it was searched for.
+    start: f64,
+}
+
+/// How the pixels' background goes into the depth that was found.
+pub(super) struct Background<'a> {
+    edge: &'a Edge,
+    slant: f64,
+    blur: Vec<([f64; 4], [f64; 4])>,
+    /// Distance (pixels) from the limb up to which a pixel sees both sides of it.
+    pub reach: f64,
+}
+
+impl<'a> Background<'a> {
+    pub(super) fn new(edge: &'a Edge, strip: &Strip, blur: f64) -> Self {
+        let blur = nodes(blur, strip.slant);
+        let widest = blur.iter().flat_map(|(at, _)| at);
+        Self {
+            edge,
+            slant: strip.slant,
+            reach: 0.5 + widest.fold(0.0, |a: f64, at| a.max(at.abs())),
+            blur,
+        }
+    }
+
+    /// By how much the limb's depth changes if the background in a pixel at `depth` (inside the predicted limb) becomes brighter by 1.
+    pub(super) fn pull(&self, depth: f64, variance: f64) -> f64 {
+        let Edge {
+            levels,
+            influence,
+            floor,
+            ..
+        } = self.edge;
+        if depth < self.edge.start - OUTSIDE as f64 {
+            return 0.0;
+        }
+        let (basis, turn) = blurred_pixel(depth - self.edge.depth, self.slant, &self.blur);
+        let slope: f64 = turn.iter().zip(levels).map(|(t, l)| t * l).sum();
+        let by_levels: f64 = influence[1..].iter().zip(basis).map(|(i, b)| i * b).sum();
+        (influence[0] * slope + by_levels) / (variance + floor) * basis[0]
+    }
 }
 
 /// Pixels of a strip's lines: values, weights, and the square roots of these.
@@ -416,6 +463,7 @@ pub(super) fn locate(
     let mut sigma = f64::INFINITY;
     let mut contrast = 0.0;
     let mut chi2 = f64::INFINITY;
+    let mut influence = [0.0; 6];
     for iteration in 0..12 {
         let sums = pulp::Arch::new().dispatch(Equations {
             pixels: &pixels,
@@ -443,6 +491,7 @@ pub(super) fn locate(
         levels += step.fixed_rows::<5>(1);
         chi2 = chi;
         if iteration > 0 {
+            influence = std::array::from_fn(|j| inverse[(0, j)]);
             let worse = (chi / (total - 6.0).max(1.0)).max(1.0);
             sigma = (inverse[(0, 0)] * worse).sqrt();
             // Brightness one pixel inside minus background.
@@ -460,6 +509,10 @@ pub(super) fn locate(
         sigma_model: sigma * systematic.sqrt(),
         contrast,
         chi2,
+        levels: levels.into(),
+        influence,
+        floor,
+        start,
     })
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::LimbPoint;
+use super::scenery::{self, Scenery};
 use crate::capture::{Object, Shape};
 use crate::geometry::camera::CameraModel;
 use crate::geometry::surface::{Pose, Side, ViewGeometry};
@@ -36,6 +37,8 @@ impl Fitted {
 
 /// Model error of a limb point that its own fit doesn't know of, pixels.
 const POINT_FLOOR: f64 = 0.01;
+/// Most steps of the fit.
+const STEPS: usize = 12;
 
 /// Gauss–Newton with Huber weights on (y, z, ln scale, tilt). The radius is held where only one side is seen.
 pub(super) fn fit(
@@ -43,6 +46,7 @@ pub(super) fn fit(
     object: &Object,
     start: Pose,
     points: &[LimbPoint],
+    sceneries: &[Scenery],
 ) -> Option<Fitted> {
     let radius = object.radius;
     let both = Side::BOTH
@@ -71,7 +75,7 @@ pub(super) fn fit(
             .collect()
     };
     let mut p = SVector::<f64, 4>::new(start.offset[1], start.offset[2], 0.0, 0.0);
-    for iteration in 0..8 {
+    for iteration in 0..STEPS {
         let here = misses(&p);
         let moved: Vec<Vec<Option<f64>>> = (0..4)
             .map(|j| {
@@ -84,6 +88,8 @@ pub(super) fn fit(
         let mut right = -p.component_div(&prior.component_mul(&prior));
         let mut chi = 0.0;
         let mut total = 0.0;
+        // By how much each point moves the unknowns, but for the inverse.
+        let mut pulls = Vec::with_capacity(points.len());
         for (i, point) in points.iter().enumerate() {
             let Some(miss) = here[i] else { continue };
             let mut row = SVector::<f64, 4>::zeros();
@@ -92,23 +98,49 @@ pub(super) fn fit(
             }
             let sigma = point.sigma_px.hypot(POINT_FLOOR);
             let sigmas = miss.abs() / sigma;
-            let huber = if iteration > 0 && sigmas > 2.0 {
-                2.0 / sigmas
-            } else {
-                1.0
+            // An edge of the scenery is no error of the limb: such a point is left out ever more the farther it is off.
+            let scenic = sceneries.get(i).map_or(0.0, |s| s.known) > POINT_FLOOR * POINT_FLOOR;
+            let huber = match iteration {
+                0 => 1.0,
+                _ if sigmas <= 2.0 => 1.0,
+                _ if iteration < 4 || !scenic => 2.0 / sigmas,
+                _ => (2.0 / sigmas).powi(2),
             };
             let w = huber / (sigma * sigma);
             normal.ger(w, &row, &row, 1.0);
             right += row * (w * miss);
             chi += w * miss * miss;
             total += huber;
+            pulls.push((i, row * w));
         }
         let inverse = normal.try_inverse()?;
         let change = inverse * right;
         p += change;
-        if change.component_div(&prior).norm() < 1e-7 || iteration == 7 {
+        if iteration > 4 && change.component_div(&prior).norm() < 1e-7 || iteration + 1 == STEPS {
             let worse = (chi / (total - 3.0).max(1.0)).max(1.0);
-            let sigma = |j: usize| (inverse[(j, j)] * worse).sqrt();
+            // The scenery moves the points of a limb together.
+            let of_scenery = |j: usize| -> f64 {
+                let of_side = |side: Side| {
+                    let of_points = pulls.iter().filter_map(|(i, pull)| {
+                        let scenery = sceneries.get(*i)?;
+                        (points[*i].side == side).then(|| ((inverse.row(j) * pull)[0], scenery))
+                    });
+                    scenery::variance(of_points)
+                };
+                Side::BOTH.map(of_side).iter().sum()
+            };
+            let of_noise = |j: usize| -> f64 {
+                let by_points = pulls.iter().map(|(i, pull)| {
+                    let own = sceneries.get(*i).map_or(0.0, |s| s.known);
+                    let variance = points[*i].sigma_px.powi(2) + POINT_FLOOR * POINT_FLOOR - own;
+                    (inverse.row(j) * pull)[0].powi(2) * variance
+                });
+                by_points.sum()
+            };
+            let sigma = |j: usize| {
+                let independent = inverse[(j, j)] * worse;
+                independent.max(of_noise(j) + of_scenery(j)).sqrt()
+            };
             let mut pose = pose(&p);
             pose.sigma_lateral = sigma(0);
             pose.sigma_tilt = if sphere { 0.0 } else { sigma(3) };

@@ -7,6 +7,7 @@
 mod consensus;
 mod edge;
 mod fit;
+mod scenery;
 mod strip;
 
 use crate::capture::{GivenOutline, Object, Shape};
@@ -19,6 +20,10 @@ use super::surface::{Pose, Side, ViewGeometry};
 /// Least brightness just inside the limb against the background, in σ of the fit: with less, the smooth
 /// start of a shadow is as good an explanation.
 const LEAST_CONTRAST: f64 = 6.0;
+
+/// Variance by the scenery that a point has at least, relative to what the points of its side usually have: beside one that
+/// looks level, a part that is not may be hidden.
+const LEAST_SCENERY: f64 = 0.5;
 
 /// Strips that tell a photo's blur.
 const BLUR_STRIPS: usize = 3;
@@ -166,6 +171,7 @@ pub fn find(
         .collect();
     let blur = blur(&candidates, &profiles, &sharp, radius_px);
     let mut limb = Vec::new();
+    let mut sceneries = Vec::new();
     let mut model_errors = [Vec::new(), Vec::new()];
     for (((strip, _), profile), sharp) in candidates.iter().zip(&profiles).zip(&sharp) {
         let Some((start, sharp)) = *sharp else {
@@ -183,6 +189,7 @@ pub fn find(
             continue;
         };
         model_errors[usize::from(strip.side == Side::Right)].push(found.sigma_model);
+        sceneries.push(scenery::Scenery::behind(strip, profile, &found, blur));
         limb.push(LimbPoint {
             side: strip.side,
             row: strip.row,
@@ -190,11 +197,28 @@ pub fn find(
             sigma_px: found.sigma,
         });
     }
+    for side in Side::BOTH {
+        let of_side = |p: &LimbPoint| p.side == side;
+        let mut all: Vec<f64> = limb
+            .iter()
+            .zip(&sceneries)
+            .filter(|(p, _)| of_side(p))
+            .map(|(_, scenery)| scenery.variance())
+            .collect();
+        let middle = all.len() / 2;
+        all.sort_by(f64::total_cmp);
+        let usual = all.get(middle).copied().unwrap_or(0.0);
+        let points = limb.iter_mut().zip(&mut sceneries);
+        for (point, scenery) in points.filter(|(p, _)| of_side(p)) {
+            scenery.known = scenery.variance().max(LEAST_SCENERY * usual);
+            point.sigma_px = point.sigma_px.hypot(scenery.known.sqrt());
+        }
+    }
     let seen = Side::BOTH.map(|side| limb.iter().any(|p| p.side == side));
     let fitted = if seen == [false, false] {
         None
     } else {
-        fit::fit(camera, object, Pose::nominal(), &limb)
+        fit::fit(camera, object, Pose::nominal(), &limb, &sceneries)
     };
     let Some(mut fitted) = fitted else {
         return Ok(not_found(&nominal, object, radius_px, search));
@@ -360,5 +384,7 @@ fn assemble(
     }
 }
 
+#[cfg(test)]
+mod stated;
 #[cfg(test)]
 mod tests;
