@@ -278,11 +278,11 @@ impl Task<'_> {
         drop(widened);
         clock.lap("factorisation");
         self.progress.step();
-        // The slice under the light that is determined, from what that light did.
-        let light = joint::determined_light(&found);
+        // The slice under the light that is known, from what that light did.
+        let light = joint::known_light(&found);
         let systematics = &self.measured.systematics;
         let corrected = joint::corrected(&found, samples, systematics);
-        let (part, widened) = joint::determined_part(&found, &corrected);
+        let (part, widened) = joint::known_part(&found, &corrected);
         drop(corrected);
         let open = joint::open_systematics(&found, samples, systematics);
         let mut options = material::options(&recipe.recovery)?;
@@ -308,13 +308,25 @@ impl Task<'_> {
         }
         let across = balance::out_of_plane(self.measured)?;
         for (c, (fit, across)) in recovered.fit.iter_mut().zip(across).enumerate() {
-            fit.judge_balance(across, material::is_diffuse(&estimate, c));
-        }
-        fit::judge_together(&mut recovered.fit);
-        if unexplained(&recovered.fit).is_some() {
-            recovered.cause = trial::few_views(samples);
+            let diffuse = material::is_diffuse(&estimate, c)
+                || material::looks_diffuse(&self.measured.field, c);
+            fit.judge_balance(across, diffuse);
         }
         clock.lap("residual");
+        let curved = |fit: &fit::FitQuality| {
+            fit.verdict == Verdict::Explained && fit.unexplained > fit::CURVED
+        };
+        if let Some(channel) = recovered.fit.iter().position(curved) {
+            recovered.cause = straighter(samples, channel, radius_px, &recipe.recovery)?;
+            if recovered.cause.is_some() {
+                fit::judge_curved(&mut recovered.fit);
+            }
+            clock.lap("cause");
+        }
+        fit::judge_together(&mut recovered.fit);
+        if recovered.cause.is_none() && unexplained(&recovered.fit).is_some() {
+            recovered.cause = trial::few_views(samples);
+        }
         self.progress.step();
         recovered.advice = advice::on_brdf(self.capture, self.measured, &light, &estimate);
         clock.lap("advice");
@@ -359,6 +371,36 @@ impl Task<'_> {
 fn unexplained(fits: &[fit::FitQuality]) -> Option<f64> {
     let doubtful = fits.iter().any(|f| f.verdict != Verdict::Explained);
     doubtful.then(|| mean_unexplained(fits))
+}
+
+/// What would straighten the photographs of one channel so that light and BRDF explain far more of them.
+fn straighter(
+    samples: &Samples,
+    channel: usize,
+    radius_px: f64,
+    recovery: &super::recipe::RecoveryOptions,
+) -> Result<Option<String>> {
+    let jointly = factorise::Options {
+        band: recovery.band,
+        ..factorise::Options::default()
+    };
+    let options = brdf::Options {
+        size: trial::SIZE,
+        intervals: Some(trial::INTERVALS),
+        ..material::options(recovery)?
+    };
+    let again = |samples: &Samples| {
+        let widened = joint::with_model_error(samples, radius_px);
+        let found = factorise::recover_with(&widened, &[], &jointly)?;
+        let light = joint::known_light(&found);
+        let (part, widened) = joint::known_part(&found, samples);
+        let widened = joint::with_model_error(&widened, radius_px);
+        let estimate = brdf::recover_with(&widened, &[], &light, &options)?;
+        let slice = material::as_material(&estimate)?;
+        let predicted = fit::predict(&light, &slice, &part)?;
+        Ok(mean_unexplained(&fit::quality(&part, &predicted)))
+    };
+    trial::straighter(&trial::one_channel(samples, channel), &again)
 }
 
 fn mean_unexplained(fits: &[fit::FitQuality]) -> f64 {

@@ -97,6 +97,9 @@ pub fn fit_warnings(recover: Recover, measured: &Measured, recovered: &Recovered
             if fit.unsettled {
                 found.push("the search for light and BRDF finds no end, however few the frequencies, so that nothing is known of their errors".into());
             }
+            if fit.curved {
+                found.push("another light and another BRDF explain the photographs far better if these are straightened".into());
+            }
             if fit.beside {
                 found.push(match recover {
                     Recover::Both => {

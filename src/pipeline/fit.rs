@@ -49,6 +49,9 @@ pub const STRUCTURE_REFUSED: f64 = 0.009;
 /// Unexplained share above which a light by a diffuse surface is doubtful, be the surface known or not: such a surface shows the light's frequencies so weakly that a texture of
 /// 5 % on it is taken for light that is wrong by 80 %, and leaves 0.014 to 0.02. Honest sets leave nothing.
 pub const DIFFUSE_DOUBTFUL: f64 = 0.006;
+/// Unexplained share from which it is looked whether photographs of which light and BRDF are both unknown are linear: a shoulder of 30 % on a lobe of exponent 32 is taken for
+/// another lobe and another light, 7 to 12 % off, and leaves 0.009 to 0.014. Straightened it leaves a third of that; honest sets leave more if they are bent.
+pub const CURVED: f64 = 0.006;
 /// Residual, relative to the largest radiance, that is taken for no noise if the photos show no limb, or more than one object.
 pub const NOISE_OR_NOTHING: f64 = 0.05;
 /// Frequencies of continuous light that are carried into a prediction: the lobes that photographs resolve pass no more.
@@ -77,6 +80,9 @@ pub struct FitQuality {
     /// Whether a recovery of both found no end: its errors cannot be judged.
     #[serde(default)]
     pub unsettled: bool,
+    /// Whether the photographs are explained far better if they are straightened.
+    #[serde(default)]
+    pub curved: bool,
     /// Whether a diffuse surface shows the light that is judged.
     #[serde(default)]
     pub diffuse: bool,
@@ -119,6 +125,7 @@ pub fn quality(samples: &Samples, predicted: &[Vec<Vec<f64>>]) -> Vec<FitQuality
                 across: None,
                 beside: false,
                 unsettled: false,
+                curved: false,
                 diffuse: false,
                 causes: causes(samples, &predicted[c], c),
                 verdict: verdict(unexplained, [DOUBTFUL, REFUSED]),
@@ -188,6 +195,14 @@ impl FitQuality {
 pub fn judge_together(fits: &mut [FitQuality]) {
     if fits.iter().any(|fit| fit.verdict == Verdict::Refused) {
         doubt_others(fits);
+    }
+}
+
+/// All channels are on the same curve.
+pub fn judge_curved(fits: &mut [FitQuality]) {
+    for fit in fits {
+        fit.curved = true;
+        fit.verdict = fit.verdict.max(Verdict::Doubtful);
     }
 }
 
@@ -318,6 +333,17 @@ mod tests {
         let verdicts: Vec<Verdict> = fits.iter().map(|f| f.verdict).collect();
         let expected = [Verdict::Doubtful, Verdict::Refused, Verdict::Doubtful];
         assert_eq!(verdicts, expected);
+    }
+
+    #[test]
+    fn on_a_curve_no_channel_is_explained() {
+        let mut fits = explained();
+        fits[1].verdict = Verdict::Refused;
+        judge_curved(&mut fits);
+        let verdicts: Vec<Verdict> = fits.iter().map(|f| f.verdict).collect();
+        let expected = [Verdict::Doubtful, Verdict::Refused, Verdict::Doubtful];
+        assert_eq!(verdicts, expected);
+        assert!(fits.iter().all(|fit| fit.curved));
     }
 
     #[test]

@@ -199,9 +199,21 @@ pub fn light(found: &Factorisation) -> Lighting {
     })
 }
 
-/// The same with the determined frequencies alone up to the band.
-pub fn determined_light(found: &Factorisation) -> Lighting {
-    light_of(found, |channel, p| channel.status[p] == Status::Determined)
+/// The same with the known frequencies alone up to the band: the light under which the slice is recovered.
+pub fn known_light(found: &Factorisation) -> Lighting {
+    light_of(found, is_known)
+}
+
+/// |L_p|/σ from which a weakly determined frequency is better taken for what it was found to be than for none: a surface shows most of a sharp light by frequencies
+/// that are known to 10 %, and their errors are followed into the slice's σ. Noise alone is that large once in 50.
+const KNOWN: f64 = 2.0;
+
+fn is_known(channel: &Channel, p: usize) -> bool {
+    match channel.status[p] {
+        Status::Determined => true,
+        Status::Weak => channel.lighting.get(p as i64).norm() >= KNOWN * channel.sigma[p],
+        Status::Indeterminate => false,
+    }
 }
 
 /// Sources have all frequencies: what they bring within the band is taken from the smooth part, which holds the rest of L_p of the
@@ -250,18 +262,18 @@ fn light_of(found: &Factorisation, kept: impl Fn(&Channel, usize) -> bool) -> Li
     }
 }
 
-/// The samples without what the light's undetermined frequencies did to them, as far as they show and where no sources stand for them: what is left is explained by the determined light alone, at the same information per frequency.
+/// The samples without what the frequencies of the light that are not known did to them, as far as they show and where no sources stand for them: what is left is explained by the known light alone, at the same information per frequency.
 ///
 /// Returned twice: with the samples' variances, and with what the light's own uncertainty by the noise adds to them,
 /// Σ_p 2 |σ(L_p) B_p / L_p|² (B_p is proportional to L_p, eq. 11), so that columns in which the light's error shows most say least. How it reaches the slice's
 /// σ, as one error of all samples, [`light_errors`] say. Where sources stand for L_p their error is what they miss of the determined frequencies.
-pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Samples) {
+pub fn known_part(found: &Factorisation, samples: &Samples) -> (Samples, Samples) {
     let mut part = samples.clone();
     let mut widened = samples.clone();
     let sources_miss: Vec<f64> = found.channels.iter().map(sources_miss).collect();
     for (c, channel) in found.channels.iter().enumerate() {
         let modelled = !channel.sources.is_empty();
-        let determined = |p: usize| channel.status.get(p) == Some(&Status::Determined);
+        let known = |p: usize| p <= channel.band && is_known(channel, p);
         let spectra = factorise::spectra(samples, c);
         let columns = part.columns.par_iter_mut().zip(&mut widened.columns);
         columns.zip(spectra).for_each(|((column, wide), series)| {
@@ -271,7 +283,7 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Sa
             let added: f64 = (1..=channel.band)
                 .map(|p| {
                     let light = channel.lighting.get(p as i64).norm();
-                    let share = match determined(p) {
+                    let share = match known(p) {
                         true => own_sigma(channel, p) / light.max(f64::MIN_POSITIVE),
                         false if modelled => sources_miss[c],
                         false => 0.0,
@@ -281,7 +293,7 @@ pub fn determined_part(found: &Factorisation, samples: &Samples) -> (Samples, Sa
                 .sum();
             let shown = channel.band.max(channel.visible_band);
             for (p, b) in open.coefficients.iter_mut().enumerate() {
-                if modelled || determined(p) || p > shown {
+                if modelled || known(p) || p > shown {
                     *b = Complex64::ZERO;
                 }
             }
@@ -321,14 +333,15 @@ fn own_sigma(channel: &Channel, p: usize) -> f64 {
     (channel.sigma[p].powi(2) - shared).max(0.0).sqrt()
 }
 
-/// How well the determined frequencies of each channel's light are known, beside the errors that all samples share.
+/// How well the known frequencies of each channel's light are known, beside the errors that all samples share.
 pub fn light_errors(found: &Factorisation) -> Vec<LightError> {
     found.channels.iter().map(light_error).collect()
 }
 
 fn light_error(channel: &Channel) -> LightError {
-    let determined = (1..=channel.band).filter(|&p| channel.status[p] == Status::Determined);
-    let frequencies: Vec<usize> = determined.collect();
+    let frequencies: Vec<usize> = (1..=channel.band)
+        .filter(|&p| is_known(channel, p))
+        .collect();
     let fitted: Vec<usize> = channel.frequencies.iter().copied().skip(1).collect();
     let part = |series: &Series, p: usize, k: usize| {
         let l = series.get(p as i64);

@@ -29,54 +29,93 @@ const FOLDS: f64 = 0.03;
 /// A lamp at a direction, radians, and how bright it is.
 pub type Lamp = (f64, f64);
 
-/// What would explain more of the photographs than the recovery did, in words, if anything does. `unexplained` gives the share
-/// that a recovery from samples leaves; it left `as_they_are` of those as they are.
+/// The share that a recovery from samples leaves unexplained.
+type Unexplained<'a> = &'a dyn Fn(&Samples) -> Result<f64>;
+
+/// What would explain more of the photographs than the recovery did, in words, if anything does. The recovery left `as_they_are` of
+/// the samples as they are.
 pub fn better(
     samples: &Samples,
     lamps: &[Lamp],
     as_they_are: f64,
-    unexplained: &dyn Fn(&Samples) -> Result<f64>,
+    unexplained: Unexplained,
 ) -> Option<String> {
-    let mut best: Option<(f64, String)> = None;
-    let mut consider = |left: Result<f64>, what: String| {
-        // A recovery that fails explains nothing.
-        let Ok(left) = left else { return };
-        if left < EXPLAINED * as_they_are && best.as_ref().is_none_or(|(least, _)| left < *least) {
-            let note = format!("{what} (then {:.1} % are left unexplained)", 100.0 * left);
-            best = Some((left, note));
-        }
-    };
+    let mut best = Best::than(as_they_are);
     for exponent in &EXPONENTS {
-        consider(
+        best.consider(
             unexplained(&bent(samples, |share| share.powf(*exponent))),
             format!(
                 "the photographs are not linear: they fit far better if their values are taken to the power {exponent:.2}"
             ),
         );
     }
-    for shoulder in &SHOULDERS {
-        consider(
-            unexplained(&bent(samples, |share| {
-                share * (1.0 - shoulder) / (1.0 - shoulder * share)
-            })),
-            format!(
-                "the photographs are not linear: they fit far better if the largest values are raised by {:.0} % against the others",
-                100.0 * shoulder / (1.0 - shoulder)
-            ),
-        );
-    }
+    best.consider_shoulders(samples, unexplained);
     for distance in &DISTANCES {
         if lamps.is_empty() {
             break;
         }
-        consider(
+        best.consider(
             unexplained(&from_afar(samples, lamps, *distance)),
             format!(
                 "the light is near: they fit far better with lamps about {distance:.0} radii away from the object's centre"
             ),
         );
     }
-    best.map(|(_, what)| what)
+    best.found()
+}
+
+/// The same for shoulders alone, where light and BRDF are both unknown: what a power does to a lobe is a lobe again.
+///
+/// # Errors
+/// As `unexplained` of the samples as they are.
+pub fn straighter(samples: &Samples, unexplained: Unexplained) -> Result<Option<String>> {
+    let mut best = Best::than(unexplained(samples)?);
+    best.consider_shoulders(samples, unexplained);
+    Ok(best.found())
+}
+
+/// What explains the samples best of all that was tried.
+struct Best {
+    as_they_are: f64,
+    least: Option<(f64, String)>,
+}
+
+impl Best {
+    fn than(as_they_are: f64) -> Self {
+        Self {
+            as_they_are,
+            least: None,
+        }
+    }
+
+    fn consider(&mut self, left: Result<f64>, what: String) {
+        // A recovery that fails explains nothing.
+        let Ok(left) = left else { return };
+        if left < EXPLAINED * self.as_they_are
+            && self.least.as_ref().is_none_or(|(least, _)| left < *least)
+        {
+            let note = format!("{what} (then {:.1} % are left unexplained)", 100.0 * left);
+            self.least = Some((left, note));
+        }
+    }
+
+    fn consider_shoulders(&mut self, samples: &Samples, unexplained: Unexplained) {
+        for shoulder in &SHOULDERS {
+            self.consider(
+                unexplained(&bent(samples, |share| {
+                    share * (1.0 - shoulder) / (1.0 - shoulder * share)
+                })),
+                format!(
+                    "the photographs are not linear: they fit far better if the largest values are raised by {:.0} % against the others",
+                    100.0 * shoulder / (1.0 - shoulder)
+                ),
+            );
+        }
+    }
+
+    fn found(self) -> Option<String> {
+        self.least.map(|(_, what)| what)
+    }
 }
 
 /// Says that the views are too few for the detail of the light field, if it is so: where its highest frequencies that they resolve are still strong,
@@ -261,6 +300,22 @@ mod tests {
             better(&samples, &[lamp], test(&samples).unwrap(), &test),
             None
         );
+    }
+
+    #[test]
+    fn a_planted_shoulder_is_named_and_a_power_is_not() {
+        let lamp = (0.6, 1.0);
+        let test = left(lamp);
+        let straight = lit(&[lamp], None, 1.0);
+        let shoulder = bent(&straight, |share| share / (1.0 - 0.2 + 0.2 * share));
+        let found = straighter(&shoulder, &test).unwrap();
+        assert!(
+            found.as_ref().is_some_and(|f| f.contains("raised by 25 %")),
+            "{found:?}"
+        );
+        assert_eq!(straighter(&straight, &test).unwrap(), None);
+        // A gamma leaves a shoulder of its own, which is straightened by no more than half.
+        assert_eq!(straighter(&lit(&[lamp], None, 2.2), &test).unwrap(), None);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use crate::light_field::{Samples, Systematic};
 use crate::lighting::Status;
 
 /// Most radians of e^{ipθ} from node to node.
-const MOST_TURN: f64 = 1.25;
+const MOST_TURN: f64 = 0.95;
 
 /// The result where the light field does not change with the normal: uniform light, or a surface that passes nothing
 /// else. Only L_0 is called known, the other frequencies and every value of ρ open.

@@ -60,8 +60,9 @@
 //! column it is added to its variance; then the sources in the light that was found say what folds, and it is taken from the
 //! samples (`folded`, `sources`). What sharp light without sources folds, an edge of a wide lamp, stays a variance.
 //!
-//! ρ̃ stands on nodes as far apart as the columns, and frequencies that turn by more than 1.25 radians from node to node are left out: with
-//! columns of 3° and 0.01 % noise the rule's error at twice that was 2.5 times the bound for velvet, at this 1.1 to 1.4 times.
+//! ρ̃ stands on nodes as far apart as the columns, and frequencies that turn by more than 0.95 radians from node to node are left out: with
+//! columns of 3° and 0.01 % noise the error for velvet, whose ρ̃ has a layer at the limb that nodes do not resolve, was 2.5 times the bound
+//! with frequencies up to 2.5 radians, 1.3 times up to 1.25, and 1.1 times up to this.
 //!
 //! Beyond the limb cut the guess that serves as a weak prior has the error that the same guess has inside the cut; where
 //! lobes change their character in the part that was never seen, σ is too small.
