@@ -141,7 +141,7 @@ impl<const N: usize> pulp::WithSimd for Synthesis<'_, N> {
     fn with_simd<S: pulp::Simd>(self, simd: S) -> [Vec<f64>; N] {
         /// Vectors side by side: a power waits for the one before it.
         const SIDE: usize = 4;
-        let [zero, one] = [0.0, 1.0].map(|v| simd.splat_f64s(v));
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         let order = self.series.iter().map(|s| s.order()).max().unwrap_or(0);
         // f = c_0 + 2 Re Σ c_p e^{ipα}; the powers are those of e^{−iα}.
         let coefficients: Vec<[[f64; 2]; N]> = (0..=order)

@@ -69,16 +69,18 @@ impl LightField {
 
     /// Fraction of the cells with |θo′| ≤ `limb_cut` (radians) that were seen in `channel`.
     pub fn coverage(&self, channel: usize, limb_cut: f64) -> f64 {
-        let (mut seen, mut all) = (0usize, 0usize);
-        for j in 0..self.grid.locals {
-            if self.grid.local(j).rad().abs() > limb_cut {
-                continue;
-            }
-            for i in 0..self.grid.normals {
-                all += 1;
-                seen += usize::from(self.weight[channel][self.grid.index(i, j)] > 0.0);
-            }
-        }
+        let within: Vec<bool> = (0..self.grid.locals)
+            .map(|j| self.grid.local(j).rad().abs() <= limb_cut)
+            .collect();
+        let all = within.iter().filter(|within| **within).count() * self.grid.normals;
+        let rows = self.weight[channel].chunks(self.grid.locals.max(1));
+        let seen: usize = rows
+            .map(|row| {
+                let both = row.iter().zip(&within);
+                both.filter(|(weight, within)| **within && **weight > 0.0)
+                    .count()
+            })
+            .sum();
         if all == 0 {
             0.0
         } else {

@@ -61,30 +61,44 @@ struct Equation {
 
 /// The exposure jitter of `views` views; `None` if there is none beyond doubt.
 pub fn jitter(samples: &Samples, views: usize) -> Option<Jitter> {
-    let equations = equations(samples);
-    if views < 8 || equations.len() < 20 * views {
+    // By column.
+    let equations: Vec<Vec<Equation>> = samples
+        .columns
+        .par_iter()
+        .map(|column| equations_of(column, samples.channels.len()))
+        .collect();
+    let count: usize = equations.iter().map(Vec::len).sum();
+    if views < 8 || count < 20 * views {
         return None;
     }
     let mut delta = DVector::<f64>::zeros(views);
     let mut solver = None;
     let mut gained = 0.0;
     for _ in 0..ROUNDS {
-        let residuals: Vec<f64> = equations
+        let residuals: Vec<Vec<f64>> = equations
             .par_iter()
-            .map(|e| {
-                let known: f64 = e.terms.iter().map(|(v, a)| a * delta[*v]).sum();
-                e.off - known
+            .map(|of_column| {
+                let residual = |e: &Equation| {
+                    let known: f64 = e.terms.iter().map(|(v, a)| a * delta[*v]).sum();
+                    e.off - known
+                };
+                of_column.iter().map(residual).collect()
             })
             .collect();
-        let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
+        // Numbers that are not negative are ordered as their bits are.
+        let size = |r: &f64| r.abs().to_bits();
+        let mut sizes: Vec<u64> = residuals.iter().flatten().map(size).collect();
         let middle = sizes.len() / 2;
-        let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let median = f64::from_bits(*sizes.select_nth_unstable(middle).1);
         let scatter = (1.4826 * median).max(1e-6);
         let part = equations.len().div_ceil(PARTS);
         let parts: Vec<(DMatrix<f64>, DVector<f64>)> = equations
             .par_chunks(part)
             .zip(residuals.par_chunks(part))
-            .map(|(equations, residuals)| normal_equations(equations, residuals, scatter, views))
+            .map(|(equations, residuals)| {
+                let both = equations.iter().flatten().zip(residuals.iter().flatten());
+                normal_equations(both, scatter, views)
+            })
             .collect();
         let mut normal = DMatrix::<f64>::identity(views, views) / (POSSIBLE * POSSIBLE);
         let mut right = DVector::<f64>::zeros(views);
@@ -109,15 +123,14 @@ pub fn jitter(samples: &Samples, views: usize) -> Option<Jitter> {
 }
 
 /// What some equations add to the normal equations, the lower triangle of the matrix, which is what its factorisation looks at.
-fn normal_equations(
-    equations: &[Equation],
-    residuals: &[f64],
+fn normal_equations<'a>(
+    equations_and_residuals: impl Iterator<Item = (&'a Equation, &'a f64)>,
     scatter: f64,
     views: usize,
 ) -> (DMatrix<f64>, DVector<f64>) {
     let mut normal = DMatrix::<f64>::zeros(views, views);
     let mut right = DVector::<f64>::zeros(views);
-    for (e, residual) in equations.iter().zip(residuals) {
+    for (e, residual) in equations_and_residuals {
         let variance = scatter * scatter + e.noise * e.noise;
         // Tukey's weight: a detail of the light field says nothing of the exposure.
         let outside = residual * residual / (DETAIL * DETAIL * variance);
@@ -134,15 +147,6 @@ fn normal_equations(
         }
     }
     (normal, right)
-}
-
-fn equations(samples: &Samples) -> Vec<Equation> {
-    let of_columns: Vec<Vec<Equation>> = samples
-        .columns
-        .par_iter()
-        .map(|column| equations_of(column, samples.channels.len()))
-        .collect();
-    of_columns.into_iter().flatten().collect()
 }
 
 fn equations_of(column: &Column, channels: usize) -> Vec<Equation> {

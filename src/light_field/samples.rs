@@ -2,6 +2,8 @@
 
 use std::f64::consts::PI;
 
+use rayon::prelude::*;
+
 use super::ViewSample;
 use crate::angle::LocalAngle;
 use crate::grid::Grid;
@@ -126,8 +128,8 @@ pub fn gather(
             (MODEL_FLOOR * largest).powi(2)
         })
         .collect();
-    let columns = locals
-        .iter()
+    let gathered: Vec<(Column, Vec<f32>, Vec<Vec<f64>>)> = locals
+        .par_iter()
         .enumerate()
         .map(|(j, &local)| {
             let mut column = Column {
@@ -138,30 +140,35 @@ pub fn gather(
                 variance: vec![Vec::new(); channels.len()],
             };
             let mut pixels = Vec::new();
-            for by_channel in &mut slopes {
-                by_channel.push(Vec::new());
-            }
+            let mut slopes = vec![Vec::new(); channels.len()];
             for (k, view) in views.iter().enumerate() {
-                let here: Vec<Option<ViewSample>> = view.iter().map(|c| c[j]).collect();
-                let Some(any) = here.iter().flatten().next() else {
+                let Some(any) = view.iter().find_map(|c| c[j]) else {
                     continue;
                 };
                 column.alpha.push(any.alpha);
                 column.view.push(k as u32);
                 pixels.push(any.pixels);
-                for (c, sample) in here.iter().enumerate() {
+                let own = outline_sigma[k] / local.rad().cos();
+                for (c, of_channel) in view.iter().enumerate() {
+                    let sample = of_channel[j];
                     column.value[c].push(sample.map_or(0.0, |s| s.value));
-                    let own = outline_sigma[k] / local.rad().cos();
                     column.variance[c].push(sample.map_or(f64::INFINITY, |s| {
                         s.variance + (s.slope * own).powi(2) + floor[c]
                     }));
-                    slopes[c][j].push(sample.map_or(0.0, |s| s.slope));
+                    slopes[c].push(sample.map_or(0.0, |s| s.slope));
                 }
             }
-            all_pixels.push(pixels);
-            column
+            (column, pixels, slopes)
         })
         .collect();
+    let mut columns = Vec::with_capacity(locals.len());
+    for (column, pixels, of_column) in gathered {
+        columns.push(column);
+        all_pixels.push(pixels);
+        for (all, of_channel) in slopes.iter_mut().zip(of_column) {
+            all.push(of_channel);
+        }
+    }
     Gathered {
         samples: Samples { channels, columns },
         pixels: all_pixels,

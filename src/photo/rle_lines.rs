@@ -12,6 +12,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes,
     IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Text, Vec2, WritableImage,
 };
+use rayon::prelude::*;
 
 /// A picture of float planes.
 pub(crate) struct Picture<'a> {
@@ -67,6 +68,9 @@ const STRETCH: usize = 127;
 /// Bytes that are looked at together.
 const TOGETHER: usize = 32;
 
+/// Lines that one task packs.
+const LINES: usize = 60;
+
 /// The bytes of an EXR file with these pictures.
 ///
 /// # Errors
@@ -104,22 +108,10 @@ pub(crate) fn encode(mut pictures: Vec<Picture<'_>>) -> Result<Vec<u8>> {
     let mut bytes = Cursor::new(Vec::new());
     exr::block::write(&mut bytes, headers, true, |_, writer| {
         for (index, picture) in pictures.iter().enumerate() {
-            let [width, height] = picture.size;
-            let mut line = Line::default();
-            for y in 0..height {
-                let same = |(_, plane): &(Text, Plane<'_>)| {
-                    y.checked_sub(1).is_some_and(|before| {
-                        // Without a branch in it, so that many are compared at once.
-                        let both = plane.row(before, width).iter().zip(plane.row(y, width));
-                        both.fold(true, |same, (a, b)| same & (a.to_bits() == b.to_bits()))
-                    })
-                };
-                if !picture.planes.iter().all(same) {
-                    line.pack(picture.planes.iter().map(|(_, plane)| plane.row(y, width)));
-                }
+            for (y, packed) in picture.packed().into_iter().enumerate() {
                 let block = CompressedScanLineBlock {
                     y_coordinate: i32::try_from(y).map_err(|_| Error::Invalid("height".into()))?,
-                    compressed_pixels_le: line.packed.clone(),
+                    compressed_pixels_le: packed,
                 };
                 let chunk = Chunk {
                     layer_index: index,
@@ -131,6 +123,36 @@ pub(crate) fn encode(mut pictures: Vec<Picture<'_>>) -> Result<Vec<u8>> {
         Ok(())
     })?;
     Ok(bytes.into_inner())
+}
+
+impl Picture<'_> {
+    /// The packed bytes of each line.
+    fn packed(&self) -> Vec<Vec<u8>> {
+        let [width, height] = self.size;
+        let same = |y: usize| {
+            self.planes.iter().all(|(_, plane)| {
+                // Without a branch in it, so that many are compared at once.
+                let both = plane.row(y - 1, width).iter().zip(plane.row(y, width));
+                both.fold(true, |same, (a, b)| same & (a.to_bits() == b.to_bits()))
+            })
+        };
+        let some: Vec<Vec<Vec<u8>>> = (0..height.div_ceil(LINES))
+            .into_par_iter()
+            .map(|part| {
+                let first = part * LINES;
+                let mut line = Line::default();
+                (first..(first + LINES).min(height))
+                    .map(|y| {
+                        if y == first || !same(y) {
+                            line.pack(self.planes.iter().map(|(_, plane)| plane.row(y, width)));
+                        }
+                        line.packed.clone()
+                    })
+                    .collect()
+            })
+            .collect();
+        some.into_iter().flatten().collect()
+    }
 }
 
 /// Layers as the exr crate's headers are made of.

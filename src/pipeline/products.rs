@@ -431,8 +431,8 @@ impl Folder {
         };
         let text = serde_json::to_value(&provenance)
             .map_err(|e| Error::failed(format!("provenance cannot be written as JSON: {e}")))?;
-        files::flush_folder(&staging)?;
-        // Whole, for its being there says that all others are; its folder is flushed with it.
+        // Whole, for its being there says that all others are. Their names reach the disk with its own: without one of them it
+        // says nothing, and until then no name in the folder has changed.
         files::write_whole(&staging.join(PROVENANCE), &pretty(&text))
     }
 

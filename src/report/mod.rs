@@ -81,7 +81,11 @@ struct FigureMarkup<'a> {
 /// If an image cannot be encoded or the data disagree with their own sizes.
 pub fn page(run: &Run) -> Result<String> {
     check(run)?;
-    let [lighting, brdf, object, light_field, fit] = figures(run)?;
+    let (figures, (results, methods)) = rayon::join(
+        || figures(run),
+        || rayon::join(|| results::tables(run), || methods::methods(run)),
+    );
+    let [lighting, brdf, object, light_field, fit] = figures?;
     let sections = [
         ("lighting-section", "Lighting", lighting),
         ("brdf-section", "BRDF", brdf),
@@ -108,9 +112,9 @@ pub fn page(run: &Run) -> Result<String> {
         gradients: plot::ColourMap::gradients(),
         warnings: &run.warnings,
         findings: &run.findings,
-        results: results::tables(run),
+        results,
         sections,
-        methods: methods::methods(run)?,
+        methods: methods?,
         recipe: &run.recipe_toml,
         capture_toml: &run.capture_toml,
         stages: run

@@ -100,8 +100,12 @@ impl pulp::WithSimd for Dots<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) -> Vec<f64> {
-        let with = |a: &Vec<f64>| Dot(a, self.1).with_simd(simd);
-        self.0.iter().map(with).collect()
+        let mut dots = Vec::with_capacity(self.0.len());
+        // No closure: it would not be compiled for these instructions.
+        for a in self.0 {
+            dots.push(Dot(a, self.1).with_simd(simd));
+        }
+        dots
     }
 }
 
