@@ -97,6 +97,37 @@ pub struct Systematic {
     pub change: Vec<Vec<Vec<f64>>>,
 }
 
+impl Systematic {
+    /// What turns the direction of every sample: by `turn` (radians for one standard deviation, of its column and its view), where
+    /// the sample changes by `slopes` for each radian, \[channel\]\[column\]\[n\].
+    pub fn of_turns(
+        name: String,
+        samples: &Samples,
+        slopes: &[Vec<Vec<f64>>],
+        turn: impl Fn(&Column, usize) -> f64,
+    ) -> Self {
+        let of_column = |column: &Column, slopes: &Vec<f64>| -> Vec<f64> {
+            slopes
+                .iter()
+                .zip(&column.view)
+                .map(|(slope, &view)| slope * turn(column, view as usize))
+                .collect()
+        };
+        let change = slopes
+            .iter()
+            .map(|columns| {
+                samples
+                    .columns
+                    .iter()
+                    .zip(columns)
+                    .map(|(column, slopes)| of_column(column, slopes))
+                    .collect()
+            })
+            .collect();
+        Self { name, change }
+    }
+}
+
 /// Samples of all views in columns, with what goes along with each.
 #[derive(Clone, Debug)]
 pub struct Gathered {

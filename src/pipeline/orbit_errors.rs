@@ -22,27 +22,16 @@ pub fn errors(samples: &Samples, views: usize, sigma: f64) -> Vec<Systematic> {
         .map(|c| samples.columns.iter().map(|s| slopes(s, c)).collect())
         .collect();
     (0..views)
-        .map(|view| Systematic {
-            name: format!("orbit angle of view {view}"),
-            change: slopes
-                .iter()
-                .map(|columns| {
-                    columns
-                        .iter()
-                        .zip(&samples.columns)
-                        .map(|(slopes, column)| {
-                            slopes
-                                .iter()
-                                .zip(&column.view)
-                                .map(|(slope, v)| match *v as usize == view {
-                                    true => sigma * slope,
-                                    false => 0.0,
-                                })
-                                .collect()
-                        })
-                        .collect()
-                })
-                .collect(),
+        .map(|view| {
+            let name = format!("orbit angle of view {view}");
+            Systematic::of_turns(
+                name,
+                samples,
+                &slopes,
+                |_, of| {
+                    if of == view { sigma } else { 0.0 }
+                },
+            )
         })
         .collect()
 }

@@ -34,27 +34,10 @@ pub(super) fn systematics(
     let scale = settled
         .sigma_radius_scale
         .max(LIMB_ERROR_PX / half_width(geometry));
-    let build = |name: &str, turn: &dyn Fn(f64, f64) -> f64| Systematic {
-        name: name.into(),
-        change: slopes
-            .iter()
-            .map(|columns| {
-                columns
-                    .iter()
-                    .zip(&samples.columns)
-                    .map(|(slopes, column)| {
-                        slopes
-                            .iter()
-                            .zip(&column.view)
-                            .map(|(slope, &view)| {
-                                let orbit = capture.views[view as usize].orbit.rad();
-                                slope * turn(column.local.rad(), orbit)
-                            })
-                            .collect()
-                    })
-                    .collect()
-            })
-            .collect(),
+    let build = |name: &str, turn: &dyn Fn(f64, f64) -> f64| {
+        Systematic::of_turns(name.into(), samples, slopes, |column, view| {
+            turn(column.local.rad(), capture.views[view].orbit.rad())
+        })
     };
     vec![
         build("shift of the outline in all views", &|local, _| {
