@@ -35,10 +35,22 @@ impl<'a> Source<'a> {
             let fault = Error::input(format!("this is not valid TOML: {}", error.message()));
             self.report(self.placed(fault, error.span().as_ref(), None));
         }
-        match Error::all(self.faults.take()) {
-            Some(error) => Err(error),
-            None => Ok(table.into_inner()),
+        if let Some(error) = Error::all(self.faults.take()) {
+            return Err(error);
         }
+        self.values()?;
+        Ok(table.into_inner())
+    }
+
+    /// The values without their places, for modules that read their own sections.
+    ///
+    /// # Errors
+    /// If a value is none that a program can hold, such as a whole number of 40 digits.
+    pub(crate) fn values(&self) -> Result<toml::Table, Error> {
+        self.text.parse().map_err(|e: toml::de::Error| {
+            let fault = Error::input(format!("this value cannot be read: {}", e.message()));
+            self.placed(fault, e.span().as_ref(), None)
+        })
     }
 
     /// Adds file and line to an error whose key stands in the file, and shows the line.

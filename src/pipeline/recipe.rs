@@ -172,7 +172,7 @@ impl Recipe {
         let mut faults = Vec::new();
 
         // What materials and lights hold is read by their own modules.
-        let plain: toml::Table = text.parse().unwrap_or_default();
+        let plain = source.values()?;
         let sub = |key: &str| plain.get(key).and_then(toml::Value::as_table);
         let brdf = match sub("brdf").map(Model::from_table).transpose() {
             Ok(brdf) => brdf,

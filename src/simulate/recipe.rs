@@ -212,7 +212,7 @@ impl Recipe {
         }
         root.check_unknown();
         let mut errors = Vec::new();
-        let plain: toml::Table = text.parse().unwrap_or_default();
+        let plain = source.values()?;
         let sub = |key: &str| plain.get(key).and_then(toml::Value::as_table);
         let mut keep = |e: Error| errors.push(source.locate(&table, e));
         let brdf = sub("brdf").and_then(|t| Model::from_table(t).map_err(&mut keep).ok());

@@ -163,6 +163,12 @@ pub(crate) fn cases() -> Vec<Case> {
             &["simulate.toml:11, views.count", "1000000000"],
         ),
         simulated(
+            "light of 40 digits",
+            "uniform = 1",
+            "uniform = 3088888888888888888888888888888888888888",
+            &["simulate.toml:", "this value cannot be read", "overflow"],
+        ),
+        simulated(
             "no view",
             "count = 12",
             "count = 0",

@@ -229,6 +229,11 @@ pub(crate) fn cases() -> Vec<Case> {
             &["recipe.toml:4, lighting.unifrom", "Did you mean uniform?"],
         ),
         light(
+            "light's heading of 40 digits",
+            "environment = \"sky.exr\"\nheading_deg = 3088888888888888888888888888888888888888",
+            &["recipe.toml:5: this value cannot be read", "overflow"],
+        ),
+        light(
             "light for two channels of three",
             "uniform = [1, 2]",
             &["lighting.uniform", "3 channels", "found 2"],
