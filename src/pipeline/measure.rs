@@ -69,6 +69,13 @@ pub struct Taken {
     unseen: bool,
 }
 
+impl Taken {
+    /// The capture with the views that are used; what its photos show is forgotten.
+    pub fn into_capture(self) -> Capture {
+        self.capture
+    }
+}
+
 /// Reads the photos of a capture.
 ///
 /// # Errors
