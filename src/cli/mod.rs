@@ -181,7 +181,6 @@ result; 1: some failed, and the table and the last lines say which and why; 2: n
 
 /// Runs the command line; errors go to stderr, results to stdout.
 pub fn main() -> ExitCode {
-    keep_memory();
     let arguments = Arguments::parse();
     let result = threads(arguments.common.threads).and_then(|()| match &arguments.command {
         Command::Run {
@@ -232,16 +231,6 @@ pub fn main() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
-}
-
-/// Lets the allocator keep what one photograph used for the next.
-///
-/// glibc gives the free end of a heap back to the system from twice the largest block that was ever mapped and freed, 128 kB at
-/// first, so that the planes of every photograph would be fetched anew page by page: 50,000 faults in 72 small photographs. A block
-/// that is never touched costs nothing and teaches it.
-fn keep_memory() {
-    const LARGEST: usize = 8 << 20;
-    drop(std::hint::black_box(Vec::<u8>::with_capacity(LARGEST)));
 }
 
 /// Starts the workers: so many, or one for each processor, with the stack of a main thread.

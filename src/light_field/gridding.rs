@@ -21,7 +21,9 @@ const FAR: f64 = 0.45;
 /// behind each sample, \[column\]\[n\].
 pub fn grid(samples: &Samples, grid: Grid, pixels: &[Vec<f32>]) -> LightField {
     let mut field = LightField::empty(grid, samples.channels.clone());
-    for c in 0..samples.channels.len() {
+    let layers = field.mean.par_iter_mut().zip(&mut field.sigma);
+    let layers = layers.zip(&mut field.weight).enumerate();
+    layers.for_each(|(c, ((mean, sigma), weight))| {
         let columns: Vec<Vec<Cell>> = samples
             .columns
             .par_iter()
@@ -31,12 +33,12 @@ pub fn grid(samples: &Samples, grid: Grid, pixels: &[Vec<f32>]) -> LightField {
         for (j, cells) in columns.iter().enumerate() {
             for cell in cells {
                 let at = grid.index(cell.row, j);
-                field.mean[c][at] = cell.mean as f32;
-                field.sigma[c][at] = cell.variance.sqrt() as f32;
-                field.weight[c][at] = cell.weight;
+                mean[at] = cell.mean as f32;
+                sigma[at] = cell.variance.sqrt() as f32;
+                weight[at] = cell.weight;
             }
         }
-    }
+    });
     field
 }
 

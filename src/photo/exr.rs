@@ -13,7 +13,7 @@ use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 
 use super::shot::sensible;
-use super::zip_block::{Apart, half};
+use super::zip_block::{Apart, Inflater, half};
 use super::{Format, Info, Opened, Photo, Planes, Shot, Storage, believable, plausible, wanted};
 use crate::error::{Error, Result};
 use crate::files::Input;
@@ -87,8 +87,9 @@ pub(super) fn read(opened: Opened, rows: Option<Range<u32>>) -> Result<Photo> {
         .map_err(damaged)?;
     let meta = chunks.meta_data().clone();
     let mut found = HashSet::new();
+    let mut inflater = Inflater::new();
     for chunk in chunks {
-        let block = Block::of(chunk.map_err(damaged)?, &meta)?;
+        let block = Block::of(chunk.map_err(damaged)?, &meta, &mut inflater)?;
         let part = block.index.layer;
         let [left, top] = [block.index.pixel_position.0, block.index.pixel_position.1];
         let in_rows = windows.get(part).is_some_and(|window| {
@@ -195,21 +196,21 @@ fn covers(header: &Header, rows: &Range<u32>, width: usize) -> bool {
 }
 
 /// A block after decompression.
-struct Block {
+struct Block<'a> {
     index: BlockIndex,
-    bytes: Bytes,
+    bytes: Bytes<'a>,
 }
 
 /// The bytes of a block.
-enum Bytes {
+enum Bytes<'a> {
     /// Line by line, in the machine's order.
     Lines(Vec<u8>),
     /// Apart by even and odd place.
-    Apart(Apart),
+    Apart(Apart<'a>),
 }
 
-impl Block {
-    fn of(chunk: Chunk, meta: &MetaData) -> Result<Self> {
+impl<'a> Block<'a> {
+    fn of(chunk: Chunk, meta: &MetaData, inflater: &'a mut Inflater) -> Result<Self> {
         let header = meta.headers.get(chunk.layer_index);
         let zip = header
             .filter(|header| matches!(header.compression, Compression::ZIP1 | Compression::ZIP16));
@@ -231,7 +232,7 @@ impl Block {
                         pixel_size: within.size,
                         level: place.level_index,
                     },
-                    bytes: Bytes::Apart(Apart::inflate(deflated, size)?),
+                    bytes: Bytes::Apart(inflater.inflate(deflated, size)?),
                 });
             }
         }
@@ -274,7 +275,7 @@ struct Place<'a> {
 impl Place<'_> {
     /// Copies one channel of a block into its plane, as far as it lies in the wanted rows and in
     /// the display window.
-    fn copy(&self, block: &Block, kinds: &[SampleType], channel: usize, plane: &mut [f32]) {
+    fn copy(&self, block: &Block<'_>, kinds: &[SampleType], channel: usize, plane: &mut [f32]) {
         let Some(&kind) = kinds.get(channel) else {
             return;
         };

@@ -6,37 +6,51 @@
 use std::ops::Range;
 
 use exr::meta::attribute::SampleType;
-use zune_inflate::{DeflateDecoder, DeflateOptions};
+use libdeflater::Decompressor;
 
 use crate::error::{Error, Result};
 
-/// The bytes of an inflated block, still apart by even and odd place.
-pub(super) struct Apart {
+/// Inflates blocks one after another into the same memory.
+pub(super) struct Inflater {
+    decompressor: Decompressor,
     bytes: Vec<u8>,
 }
 
-impl Apart {
+/// The bytes of an inflated block, still apart by even and odd place.
+pub(super) struct Apart<'a> {
+    bytes: &'a [u8],
+}
+
+impl Inflater {
+    pub(super) fn new() -> Self {
+        Self {
+            decompressor: Decompressor::new(),
+            bytes: Vec::new(),
+        }
+    }
+
     /// Inflates a block of `size` bytes.
     ///
     /// # Errors
     /// If the bytes are no deflated block of this size.
-    pub(super) fn inflate(deflated: &[u8], size: usize) -> Result<Self> {
-        let options = DeflateOptions::default()
-            .set_limit(size)
-            .set_size_hint(size);
-        let mut bytes = DeflateDecoder::new_with_options(deflated, options)
-            .decode_zlib()
+    pub(super) fn inflate(&mut self, deflated: &[u8], size: usize) -> Result<Apart<'_>> {
+        // Of a former block's bytes those that stay are written over.
+        self.bytes.resize(size, 0);
+        let found = self
+            .decompressor
+            .zlib_decompress(deflated, &mut self.bytes)
             .map_err(|_| Error::input("the EXR is damaged: a ZIP block cannot be inflated"))?;
-        if bytes.len() != size {
+        if found != size {
             return Err(Error::input(format!(
-                "the EXR is damaged: expected a block of {size} bytes, found {}",
-                bytes.len()
+                "the EXR is damaged: expected a block of {size} bytes, found {found}"
             )));
         }
-        undo_differences(&mut bytes);
-        Ok(Self { bytes })
+        undo_differences(&mut self.bytes);
+        Ok(Apart { bytes: &self.bytes })
     }
+}
 
+impl Apart<'_> {
     /// The samples of one kind whose bytes lie at `place` of the block, as f32.
     pub(super) fn decode(&self, place: Range<usize>, kind: SampleType, out: &mut [f32]) {
         // Samples have an even number of bytes and begin at an even place.

@@ -45,15 +45,17 @@ pub fn execute(recipe: &Recipe, capture: &Capture, progress: &dyn Progress) -> R
         return Err(one_view());
     }
     let taken = take(capture, &recipe.light_field, progress)?;
-    let (whole, capture) = (capture, &taken.capture);
+    let whole = capture;
     let light_field =
         |turned: &Capture| at_angles(&taken, turned, &recipe.light_field, footprint, progress);
-    let mut measured = light_field(capture)?;
+    let mut measured = light_field(&taken.capture)?;
     clock.lap("photos to light field");
-    let orbit = refine_orbit(&mut measured, recipe, capture, &light_field)?;
+    let orbit = refine_orbit(&mut measured, recipe, &taken.capture, &light_field)?;
     if orbit.is_some() {
         clock.lap("orbit angles");
     }
+    // The lines of hundreds of large photographs are more than all that follows needs.
+    let capture = &taken.into_capture();
     let spectrum = spectrum(&measured.samples);
     clock.lap("spectrum");
     let radiance_unit = if capture.sensor.responsivity.is_some() || is_float(capture) {

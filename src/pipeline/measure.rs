@@ -69,6 +69,13 @@ pub struct Taken {
     unseen: bool,
 }
 
+impl Taken {
+    /// The capture with the views that are used; what its photos show is forgotten.
+    pub fn into_capture(self) -> Capture {
+        self.capture
+    }
+}
+
 /// Reads the photos of a capture.
 ///
 /// # Errors
@@ -228,30 +235,41 @@ pub fn at_angles(
         .map(|p| p.sigma_lateral / capture.object.radius)
         .collect();
     let mut gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
-    let jitter = jitter(&gathered.samples, views.len());
-    if let Some(jitter) = &jitter {
-        steady(&mut views, jitter);
-        gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
-    }
-    let Gathered {
-        samples,
-        pixels,
-        slopes,
-    } = gathered;
     let two_sided = outlines
         .iter()
         .filter(|o| o.sides() == [true, true])
         .count();
     let blind = (two_sided as f64) < TWO_SIDED * outlines.len() as f64;
-    let (field, (mut systematics, mut seen)) = rayon::join(
-        || grid(&samples, cells, &pixels),
-        || {
-            rayon::join(
-                || systematics(&settled, capture, &geometries[0], blind, &samples, &slopes),
-                || warnings(capture, &outlines, poses, &samples),
-            )
-        },
+    let shown = |found: &Gathered| {
+        let Gathered {
+            samples,
+            pixels,
+            slopes,
+        } = found;
+        rayon::join(
+            || grid(samples, cells, pixels),
+            || {
+                rayon::join(
+                    || systematics(&settled, capture, &geometries[0], blind, samples, slopes),
+                    || warnings(capture, &outlines, poses, samples),
+                )
+            },
+        )
+    };
+    // Most captures have no jitter: what they show is found while it is looked for.
+    let (jitter, mut found) = rayon::join(
+        || jitter(&gathered.samples, views.len()),
+        || shown(&gathered),
     );
+    if let Some(jitter) = &jitter {
+        steady(&mut views, jitter);
+        gathered = gather(channels.clone(), &locals, &views, &outline_sigma);
+        found = shown(&gathered);
+    }
+    let (field, (mut systematics, mut seen)) = found;
+    let Gathered {
+        samples, pixels, ..
+    } = gathered;
     if let Some(lean) = &lean {
         let mut uncorrected = sampled(false);
         if let Some(jitter) = &jitter {

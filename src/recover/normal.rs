@@ -6,6 +6,8 @@
 //!
 //! Unknowns are real: x = (L_0, Re L_1, Im L_1, Re L_2, …), 2P + 1 values.
 
+use std::ops::Range;
+
 use faer::Mat;
 use num_complex::Complex64;
 use rayon::prelude::*;
@@ -147,18 +149,14 @@ impl NormalSystem {
             .iter()
             .map(|c| c.variance[channel].iter().map(|&v| weight(v)).collect())
             .collect();
-        let parts: Vec<Part> = (0..samples.columns.len())
-            .collect::<Vec<_>>()
-            .par_chunks(CHUNK)
-            .map(|places| {
-                let mut part = Part::new(order);
-                for &j in places {
-                    let column = &samples.columns[j];
-                    part.add(column, &turns[j], channel, &weights[j], &transfer[j]);
-                }
-                part
-            })
-            .collect();
+        let parts: Vec<Part> = in_chunks(samples, |columns| {
+            let mut part = Part::new(order);
+            for j in columns {
+                let column = &samples.columns[j];
+                part.add(column, &turns[j], channel, &weights[j], &transfer[j]);
+            }
+            part
+        });
         let mut sum = Part::new(order);
         for part in &parts {
             sum.merge(part);
@@ -189,42 +187,53 @@ impl NormalSystem {
     /// The same for many functions, each with the system of its channel; all systems are of the same samples. Functions
     /// that vanish at the same samples are best next to each other.
     pub fn project_all(samples: &Samples, all: &[(&Self, &[Vec<f64>])]) -> Vec<Vec<f64>> {
-        let Some(order) = all.iter().map(|(system, _)| system.order).max() else {
-            return Vec::new();
-        };
-        let zeros: Vec<Vec<f64>> = all
+        let parts: Vec<Vec<Vec<f64>>> = in_chunks(samples, |columns| {
+            let here: Vec<(&Self, &[Vec<f64>])> = all
+                .iter()
+                .map(|(system, f)| (*system, f.get(columns.clone()).unwrap_or_default()))
+                .collect();
+            Self::project_columns(samples, columns, &here)
+        });
+        let mut y: Vec<Vec<f64>> = all
             .iter()
             .map(|(system, _)| vec![0.0; 2 * system.order + 1])
             .collect();
-        let places: Vec<usize> = (0..samples.columns.len()).collect();
-        let parts: Vec<Vec<Vec<f64>>> = places
-            .par_chunks(CHUNK)
-            .map(|places| {
-                let mut y = zeros.clone();
-                for &j in places {
-                    let weighted: Vec<Vec<f64>> = all
-                        .iter()
-                        .map(|(system, f)| {
-                            let values = f.get(j).map_or(&[][..], Vec::as_slice);
-                            let both = values.iter().zip(&system.weights[j]);
-                            both.map(|(f, w)| if *w > 0.0 { w * f } else { 0.0 })
-                                .collect()
-                        })
-                        .collect();
-                    let weighted: Vec<&[f64]> = weighted.iter().map(Vec::as_slice).collect();
-                    let turns = &all[0].0.turns[j];
-                    let sums = turns.sums(&samples.columns[j], &weighted, order);
-                    for ((y, (system, _)), sums) in y.iter_mut().zip(all).zip(&sums) {
-                        add_projection(y, &system.transfer[j], sums);
-                    }
-                }
-                y
-            })
-            .collect();
-        let mut y = zeros;
         for part in &parts {
             for (a, b) in y.iter_mut().flatten().zip(part.iter().flatten()) {
                 *a += b;
+            }
+        }
+        y
+    }
+
+    /// What some columns add to [`Self::project_all`]; the functions are given in these columns alone.
+    pub fn project_columns(
+        samples: &Samples,
+        columns: Range<usize>,
+        all: &[(&Self, &[Vec<f64>])],
+    ) -> Vec<Vec<f64>> {
+        let order = all.iter().map(|(system, _)| system.order).max();
+        let mut y: Vec<Vec<f64>> = all
+            .iter()
+            .map(|(system, _)| vec![0.0; 2 * system.order + 1])
+            .collect();
+        for (k, j) in columns.enumerate() {
+            let weighted: Vec<Vec<f64>> = all
+                .iter()
+                .map(|(system, f)| {
+                    let values = f.get(k).map_or(&[][..], Vec::as_slice);
+                    let both = values.iter().zip(&system.weights[j]);
+                    both.map(|(f, w)| if *w > 0.0 { w * f } else { 0.0 })
+                        .collect()
+                })
+                .collect();
+            let weighted: Vec<&[f64]> = weighted.iter().map(Vec::as_slice).collect();
+            let (Some((first, _)), Some(order)) = (all.first(), order) else {
+                break;
+            };
+            let sums = first.turns[j].sums(&samples.columns[j], &weighted, order);
+            for ((y, (system, _)), sums) in y.iter_mut().zip(all).zip(&sums) {
+                add_projection(y, &system.transfer[j], sums);
             }
         }
         y
@@ -243,6 +252,15 @@ impl NormalSystem {
             })
             .collect()
     }
+}
+
+/// What is found of some columns at a time, in their order.
+pub fn in_chunks<T: Send>(samples: &Samples, of: impl Fn(Range<usize>) -> T + Sync) -> Vec<T> {
+    let count = samples.columns.len();
+    (0..count.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|k| of(k * CHUNK..count.min((k + 1) * CHUNK)))
+        .collect()
 }
 
 /// y += Dᵀ of a column, from T_d = Σ w f e^{−idα}.

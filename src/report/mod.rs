@@ -75,6 +75,9 @@ struct FigureMarkup<'a> {
     figure: &'a Figure,
 }
 
+/// Room for what stands beside the figures, bytes.
+const BESIDE_FIGURES: usize = 1 << 18;
+
 /// The report of a run as one HTML page without any reference to the network.
 ///
 /// # Errors
@@ -128,8 +131,13 @@ pub fn page(run: &Run) -> Result<String> {
             .map(|(file, hash)| (file.as_str(), hash.as_str()))
             .collect(),
     };
-    page.render()
-        .map_err(|e| Error::failed(format!("cannot write the report: {e}")))
+    let figures = page.sections.iter().flat_map(|section| &section.figures);
+    // Figures are nearly all of it: it is not to be copied every time that it has grown to twice its size.
+    let mut markup =
+        String::with_capacity(figures.map(String::len).sum::<usize>() + BESIDE_FIGURES);
+    page.render_into(&mut markup)
+        .map_err(|e| Error::failed(format!("cannot write the report: {e}")))?;
+    Ok(markup)
 }
 
 /// Markup of the figures on lighting, BRDF, object, light field and fit, drawn and written side by side.

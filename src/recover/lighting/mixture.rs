@@ -8,6 +8,7 @@ use faer::Mat;
 use rayon::prelude::*;
 
 use super::prior::{Posterior, Problem, SpectralPrior, choose_by_evidence, choose_by_gcv};
+use super::shone::{Shone, Sums};
 use super::sources::{Lit, Response, weighted_product};
 use super::{Regularisation, RegularisationChoice, SourceEstimate, WEAK};
 use crate::angle::wrap;
@@ -57,7 +58,7 @@ pub struct Channel<'a> {
     /// Systematic errors' changes of the samples, \[error\]\[column\]\[n\].
     pub systematics: Vec<Response>,
     /// The samples' values, \[column\]\[n\].
-    values: Response,
+    pub values: Response,
     /// What does not change with the sources.
     known: Known,
     /// κ ≥ 1: by how much the samples scatter more than their variances say, and at least what makes
@@ -134,7 +135,7 @@ impl<'a> Channel<'a> {
             known,
             noise_scale: 1.0,
         };
-        let equations = channel.equations(&[], &[]);
+        let equations = channel.equations(&Sums::default());
         let problem = channel.problem(&equations, 0);
         let x = problem.posterior(&SpectralPrior::flat(mean_light))?.mean;
         let residual = problem.residual(channel.system.square, &x);
@@ -152,7 +153,7 @@ impl<'a> Channel<'a> {
 
     /// Posterior of the smooth light and the systematic errors under the weakest prior.
     pub fn weak_posterior(&self) -> Result<Posterior> {
-        let equations = self.equations(&[], &[]);
+        let equations = self.equations(&Sums::default());
         self.problem(&equations, 0)
             .posterior(&SpectralPrior::flat(self.mean_light))
     }
@@ -168,49 +169,40 @@ impl<'a> Channel<'a> {
         }
     }
 
-    /// Normal equations of coefficients, irradiances of unit responses `sources` (with Dᵀ W f of each in
-    /// `projected`), and systematic errors.
-    fn equations(&self, sources: &[Arc<Response>], projected: &[Vec<f64>]) -> (Mat<f64>, Vec<f64>) {
+    /// Normal equations of coefficients, irradiances of `lit` sources, and systematic errors.
+    fn equations(&self, lit: &Sums) -> (Mat<f64>, Vec<f64>) {
         let n = self.system.vector.len();
-        let extra: Vec<&Response> = sources
-            .iter()
-            .map(Arc::as_ref)
-            .chain(&self.systematics)
-            .collect();
-        let size = n + extra.len();
+        let (sources, systematics) = (lit.sources(), self.systematics.len());
+        let size = n + sources + systematics;
         let mut matrix = Mat::zeros(size, size);
         let mut coefficients = matrix.as_mut().submatrix_mut(0, 0, n, n);
         coefficients.copy_from(&self.system.matrix);
         let mut vector = self.system.vector.clone();
-        for (s, response) in extra.iter().enumerate() {
-            let systematic = s.checked_sub(sources.len());
-            let cross = match systematic {
+        for s in 0..sources + systematics {
+            let error = s.checked_sub(sources);
+            let cross = match error {
                 Some(e) => &self.known.crosses[e],
-                None => &projected[s],
+                None => lit.response(s).0,
             };
             for (i, c) in cross.iter().enumerate() {
                 matrix[(i, n + s)] = *c;
                 matrix[(n + s, i)] = *c;
             }
-            for (t, other) in extra.iter().enumerate().take(s + 1) {
-                let product = match (systematic, t.checked_sub(sources.len())) {
+            for t in 0..=s {
+                let product = match (error, t.checked_sub(sources)) {
                     (Some(e), Some(f)) => self.known.between[e][f],
-                    _ => self.product(response, other),
+                    (Some(_), None) => lit.response(t).1[s],
+                    (None, _) => lit.response(s).1[t],
                 };
                 matrix[(n + s, n + t)] = product;
                 matrix[(n + t, n + s)] = product;
             }
-            vector.push(match systematic {
+            vector.push(match error {
                 Some(e) => self.known.with_values[e],
-                None => self.product(response, &self.values),
+                None => lit.response(s).1[sources + systematics],
             });
         }
         (matrix, vector)
-    }
-
-    /// Σ w f g over the channel's samples.
-    fn product(&self, f: &[Vec<f64>], g: &[Vec<f64>]) -> f64 {
-        weighted_product(&self.system.weights, f, g)
     }
 }
 
@@ -230,6 +222,8 @@ pub struct Fit {
     pub prior: SpectralPrior,
     pub choice: RegularisationChoice,
     responses: Vec<Arc<Response>>,
+    /// Gradient and curvature of the log posterior by each source's direction.
+    guides: Vec<(f64, f64)>,
     log_evidence: f64,
     /// Weighted sum of squared residuals.
     square: f64,
@@ -270,20 +264,13 @@ pub struct Mixture {
 }
 
 impl Mixture {
-    /// The likeliest number of sources with the smooth light: none, or the first ones of `candidates`
-    /// (directions, radians, brightest first).
-    pub fn fit(
+    /// The smooth light alone.
+    pub fn smooth(
         lit: &Lit<'_>,
         channels: &[Channel<'_>],
         regularisation: Regularisation,
-        candidates: &[f64],
     ) -> Result<Self> {
-        Self::with_directions(lit, channels, &[], regularisation)?.extended(
-            lit,
-            channels,
-            regularisation,
-            candidates,
-        )
+        Self::with_directions(lit, channels, &[], regularisation)
     }
 
     /// The likeliest number of sources, starting from these, after the channels' noise has changed.
@@ -302,8 +289,8 @@ impl Mixture {
         )
     }
 
-    /// With as many more sources at `candidates` as are believed, and peaks split in two.
-    fn extended(
+    /// With as many more sources at `candidates` (directions, radians, brightest first) as are believed, and peaks split in two.
+    pub fn extended(
         self,
         lit: &Lit<'_>,
         channels: &[Channel<'_>],
@@ -424,7 +411,7 @@ impl Mixture {
                 break;
             }
         }
-        let steps = mixture.direction_steps(lit, channels);
+        let steps = mixture.direction_steps();
         // Laplace's approximation for each direction, with all directions equally likely before.
         for (_, sigma) in &steps {
             mixture.log_evidence += sigma.ln() - 0.5 * TAU.ln();
@@ -454,7 +441,7 @@ impl Mixture {
         let mut next;
         let mut mixture = self;
         for step in 1..=STEPS {
-            let steps = mixture.direction_steps(lit, channels);
+            let steps = mixture.direction_steps();
             for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
                 *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
             }
@@ -485,19 +472,13 @@ impl Mixture {
         directions: &[f64],
         strengths: &[Strength],
     ) -> Result<Self> {
-        let responses: Vec<Vec<Arc<Response>>> = directions
-            .iter()
-            .map(|&theta| of_each_brdf(channels, |brdfs| lit.unit_responses(brdfs, theta)))
-            .collect();
-        let of_channels = projected(lit.samples, channels, &responses);
+        let Shone { responses, sums } = Shone::new(lit, channels, directions);
         let fits: Vec<Fit> = channels
             .par_iter()
             .zip(strengths)
-            .enumerate()
-            .map(|(c, (channel, strength))| {
-                let own = responses.iter().map(|r| Arc::clone(&r[c])).collect();
-                fit_channel(channel, own, &of_channels[c], *strength)
-            })
+            .zip(responses)
+            .zip(sums)
+            .map(|(((channel, strength), own), sums)| fit_channel(channel, own, &sums, *strength))
             .collect::<Result<_>>()?;
         Ok(Self {
             log_evidence: fits.iter().map(|f| f.log_evidence).sum(),
@@ -509,28 +490,11 @@ impl Mixture {
     }
 
     /// For each source the Gauss–Newton step of its direction and its standard deviation, radians.
-    fn direction_steps(&self, lit: &Lit<'_>, channels: &[Channel<'_>]) -> Vec<(f64, f64)> {
-        let derivatives: Vec<Vec<Arc<Response>>> = self
-            .directions
-            .iter()
-            .map(|&theta| of_each_brdf(channels, |brdfs| lit.response_derivatives(brdfs, theta)))
-            .collect();
-        let of_channels = projected(lit.samples, channels, &derivatives);
-        let count = channels.len();
-        let parts: Vec<(f64, f64)> = (0..self.directions.len() * count)
-            .into_par_iter()
-            .map(|k| {
-                let (s, c) = (k / count, k % count);
-                let derivative = derivatives[s][c].as_slice();
-                let cross = of_channels[c][s].clone();
-                direction_gradient(&channels[c], &self.fits[c], s, derivative, cross)
-            })
-            .collect();
-        parts
-            .chunks(count.max(1))
-            .map(|parts| {
-                let gradient: f64 = parts.iter().map(|p| p.0).sum();
-                let curvature: f64 = parts.iter().map(|p| p.1).sum();
+    fn direction_steps(&self) -> Vec<(f64, f64)> {
+        (0..self.directions.len())
+            .map(|s| {
+                let gradient: f64 = self.fits.iter().map(|fit| fit.guides[s].0).sum();
+                let curvature: f64 = self.fits.iter().map(|fit| fit.guides[s].1).sum();
                 let sigma = curvature.recip().sqrt();
                 if sigma < LOST {
                     (gradient / curvature, sigma)
@@ -607,71 +571,23 @@ impl Mixture {
     }
 }
 
-/// One function of the samples per distinct BRDF, shared by the channels that have it.
-fn of_each_brdf(
-    channels: &[Channel<'_>],
-    make: impl Fn(&[&dyn Brdf]) -> Vec<Response>,
-) -> Vec<Arc<Response>> {
-    let first = |c: usize| channels.get(c).is_some_and(|channel| channel.twin == c);
-    let distinct: Vec<&dyn Brdf> = (0..channels.len())
-        .filter(|&c| first(c))
-        .map(|c| channels[c].brdf)
-        .collect();
-    let made: Vec<Arc<Response>> = make(&distinct).into_iter().map(Arc::new).collect();
-    let place = |twin: usize| (0..twin).filter(|&c| first(c)).count();
-    channels
-        .iter()
-        .map(|channel| Arc::clone(&made[place(channel.twin)]))
-        .collect()
-}
-
-/// Dᵀ W f of functions of the samples, given as \[function\]\[channel\], as \[channel\]\[function\].
-fn projected(
-    samples: &Samples,
-    channels: &[Channel<'_>],
-    functions: &[Vec<Arc<Response>>],
-) -> Vec<Vec<Vec<f64>>> {
-    let all: Vec<(&NormalSystem, &[Vec<f64>])> = functions
-        .iter()
-        .flat_map(|of_channels| {
-            let both = channels.iter().zip(of_channels);
-            both.map(|(channel, f)| (&channel.system, f.as_slice()))
-        })
-        .collect();
-    let mut found = vec![Vec::with_capacity(functions.len()); channels.len()];
-    for (k, y) in NormalSystem::project_all(samples, &all)
-        .into_iter()
-        .enumerate()
-    {
-        found[k % channels.len()].push(y);
-    }
-    found
-}
-
-/// Gradient and curvature of the log posterior by the direction of source `s`, whose response changes by
-/// `derivative` (Dᵀ W of it in `cross`), with all other unknowns of the channel at their best (profile likelihood).
+/// Gradient and curvature of the log posterior by the direction of source `s`, with all other unknowns of the channel at their best (profile
+/// likelihood).
 fn direction_gradient(
     channel: &Channel<'_>,
-    fit: &Fit,
+    posterior: &Posterior,
+    sums: &Sums,
     s: usize,
-    derivative: &[Vec<f64>],
-    mut cross: Vec<f64>,
 ) -> (f64, f64) {
     let n = channel.system.vector.len();
-    let irradiance = fit.posterior.mean[n + s];
+    let irradiance = posterior.mean[n + s];
     let kappa = channel.noise_scale;
-    let own_responses = fit.responses.iter().map(Arc::as_ref);
-    for response in own_responses.chain(&channel.systematics) {
-        cross.push(channel.product(response, derivative));
-    }
-    let data = channel.product(derivative, &channel.values);
-    let own = channel.product(derivative, derivative);
-    let fitted: f64 = cross
-        .iter()
-        .zip(&fit.posterior.mean)
-        .map(|(a, b)| a * b)
-        .sum();
-    let explained = fit.posterior.variance_of(&cross);
+    let (projected, products) = sums.derivative(s);
+    let (others, rest) = products.split_at(sums.sources() + channel.systematics.len());
+    let cross = [projected, others].concat();
+    let (data, own) = (rest[0], rest[1]);
+    let fitted: f64 = cross.iter().zip(&posterior.mean).map(|(a, b)| a * b).sum();
+    let explained = posterior.variance_of(&cross);
     let gradient = irradiance * (data - fitted) / kappa;
     let curvature = irradiance.powi(2) * (own / kappa - explained / kappa.powi(2));
     (gradient, curvature.max(0.0))
@@ -681,14 +597,19 @@ fn direction_gradient(
 fn fit_channel(
     channel: &Channel<'_>,
     responses: Vec<Arc<Response>>,
-    projected: &[Vec<f64>],
+    sums: &Sums,
     strength: Strength,
 ) -> Result<Fit> {
     let system = &channel.system;
     let n = system.vector.len();
-    let equations = channel.equations(&responses, projected);
+    let equations = channel.equations(sums);
     let problem = channel.problem(&equations, responses.len());
     let mean_light = channel.mean_light;
+    let guides = |posterior: &Posterior| -> Vec<(f64, f64)> {
+        (0..responses.len())
+            .map(|s| direction_gradient(channel, posterior, sums, s))
+            .collect()
+    };
     let named = |criterion: &str, strength: f64| RegularisationChoice {
         criterion: criterion.into(),
         strength,
@@ -702,6 +623,7 @@ fn fit_channel(
             return Ok(Fit {
                 log_evidence: posterior.log_evidence,
                 square: problem.residual(system.square, &posterior.mean),
+                guides: guides(&posterior),
                 posterior,
                 prior,
                 choice,
@@ -740,6 +662,7 @@ fn fit_channel(
     Ok(Fit {
         log_evidence: posterior.log_evidence + log_irradiance_prior,
         square: problem.residual(system.square, &posterior.mean),
+        guides: guides(&posterior),
         posterior,
         prior,
         choice,

@@ -15,6 +15,7 @@ mod mixture;
 pub mod positivity;
 mod predict;
 mod prior;
+mod shone;
 mod sources;
 mod without_negative;
 
@@ -172,13 +173,16 @@ pub fn recover_with(
         channels.par_iter().map(Channel::weak_posterior).collect()
     };
     let mut weak = weak_posteriors(&channels)?;
-    let candidates = if look_for_sources {
-        brightest_peaks(&channels, &weak)?
-    } else {
-        Vec::new()
-    };
     let lit = Lit::new(samples);
-    let mut mixture = Mixture::fit(&lit, &channels, options.regularisation, &candidates)?;
+    let (candidates, smooth) = rayon::join(
+        || match look_for_sources {
+            true => brightest_peaks(&channels, &weak),
+            false => Ok(Vec::new()),
+        },
+        || Mixture::smooth(&lit, &channels, options.regularisation),
+    );
+    let candidates = candidates?;
+    let mut mixture = smooth?.extended(&lit, &channels, options.regularisation, &candidates)?;
     // What sources explain is no noise: with less noise, fainter sources show and errors are smaller.
     for _ in 0..NOISE_ROUNDS {
         if mixture.directions.is_empty() || !mixture.measure_noise(&mut channels) {

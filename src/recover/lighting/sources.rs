@@ -1,6 +1,8 @@
 //! Distant sources beside the smooth light: their exact response, and the improvement of their
 //! directions.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::angle::{NormalAngle, WorldAngle};
@@ -100,18 +102,31 @@ impl<'a> Lit<'a> {
         responses
     }
 
-    /// The derivatives of [`Self::unit_responses`] by the direction, per radian.
-    pub fn response_derivatives(&self, brdfs: &[&dyn Brdf], theta: f64) -> Vec<Response> {
-        let mut derivatives = self.unit_responses(brdfs, theta + DIFFERENCE);
-        let before = self.unit_responses(brdfs, theta - DIFFERENCE);
-        for (derivative, before) in derivatives.iter_mut().zip(before) {
-            for (column, before) in derivative.iter_mut().zip(before) {
+    /// [`Self::unit_responses`] in some columns, \[BRDF\]\[column\]\[n\], and their derivatives by the direction, per radian.
+    pub fn with_derivatives(
+        &self,
+        columns: Range<usize>,
+        brdfs: &[&dyn Brdf],
+        theta: f64,
+    ) -> [Vec<Response>; 2] {
+        let [mut responses, mut derivatives] =
+            [(); 2].map(|()| vec![Vec::with_capacity(columns.len()); brdfs.len()]);
+        for j in columns {
+            let [here, before, after] =
+                [0.0, -DIFFERENCE, DIFFERENCE].map(|step| self.of_column(j, brdfs, theta + step));
+            for (all, column) in responses.iter_mut().zip(here) {
+                all.push(column);
+            }
+            for (all, (mut column, before)) in
+                derivatives.iter_mut().zip(after.into_iter().zip(before))
+            {
                 for (d, b) in column.iter_mut().zip(before) {
                     *d = (*d - b) / (2.0 * DIFFERENCE);
                 }
+                all.push(column);
             }
         }
-        derivatives
+        [responses, derivatives]
     }
 }
 
