@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::information::{Equations, Information};
-use super::prior::{Factor, Penalties, Relief, Smoothness};
+use super::prior::{Banded, Factor, Penalties, Relief, Smoothness};
 use crate::Result;
 
 /// Draws by which traces are estimated. Each is a sum over about a thousand unknowns, so that 16 draws give
@@ -95,17 +95,22 @@ impl Level {
         })
     }
 
-    fn prior(&self, smoothness: &Smoothness) -> Result<Factor> {
+    /// Draws of the coefficients as the prior alone expects them.
+    fn prior_draws(&self, smoothness: &Smoothness) -> Result<Vec<Vec<f64>>> {
+        if let Some(factor) = Banded::new(&self.penalties, smoothness) {
+            return Ok(self.draws(|z| factor.draw(z)));
+        }
         let n = self.equations.right_side.len();
         let mut matrix = Mat::zeros(n, n);
         self.penalties.add_dense(smoothness, &mut matrix);
-        Factor::new(&matrix)
+        let factor = Factor::new(&matrix)?;
+        Ok(self.draws(|z| factor.draw(z)))
     }
 
-    /// Draws of the coefficients whose precision is factored.
-    fn draws(&self, factor: &Factor) -> Vec<Vec<f64>> {
+    /// Draws of the coefficients, of white noise that `coloured` gives their precision.
+    fn draws(&self, coloured: impl Fn(&mut Mat<f64>)) -> Vec<Vec<f64>> {
         let mut z = self.white.clone();
-        factor.draw(&mut z);
+        coloured(&mut z);
         (0..PROBES)
             .map(|j| (0..z.nrows()).map(|i| z[(i, j)]).collect())
             .collect()
@@ -198,12 +203,21 @@ pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Lea
     let mut largest = 0.0;
     for round in 0..ROUNDS {
         let now = smoothness;
-        let fit = level.fit(&now)?;
+        let (told, expected) = rayon::join(
+            || -> Result<_> {
+                let fit = level.fit(&now)?;
+                let draws = level.draws(|z| fit.a.draw(z));
+                let traces = level.traces(&draws);
+                Ok((fit, draws, traces))
+            },
+            || -> Result<_> {
+                let draws = level.prior_draws(&now)?;
+                let traces = level.traces(&draws);
+                Ok((draws, traces))
+            },
+        );
+        let ((fit, draws, traces), (prior_draws, prior_traces)) = (told?, expected?);
         largest = fit.x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let prior_draws = level.draws(&level.prior(&now)?);
-        let draws = level.draws(&fit.a);
-        let prior_traces = level.traces(&prior_draws);
-        let traces = level.traces(&draws);
         let values = level.penalties.values(&fit.x);
         let before = now.weights();
         let mut after = before;
@@ -274,24 +288,26 @@ pub fn learn(information: &Information, longest: f64, curve: bool) -> Result<Lea
 /// tenth of the error and brings lobes of exponent 128 from 93 to 94 %. And where a lobe is nothing like the prior
 /// expects, the evidence smooths too much; cross-validation asks nothing of the prior.
 fn relaxed(level: &Level, chosen: &Smoothness) -> Result<f64> {
+    let score = |factor: f64| -> Result<f64> { Ok(point(level, chosen, factor)?.gcv) };
     let mut factor = 1.0 / STEP;
-    let mut score = point(level, chosen, factor)?.gcv;
-    for _ in 0..RELAXATIONS {
-        let weaker = factor / STEP;
-        let next = point(level, chosen, weaker)?.gcv;
-        if next >= score {
-            break;
+    // At least two are wanted.
+    let (first, second) = rayon::join(|| score(factor), || score(factor / STEP));
+    let (mut least, mut next) = (first?, second?);
+    for _ in 1..RELAXATIONS {
+        if next >= least {
+            return Ok(factor);
         }
-        (factor, score) = (weaker, next);
+        (factor, least) = (factor / STEP, next);
+        next = score(factor / STEP)?;
     }
-    Ok(factor)
+    Ok(if next < least { factor / STEP } else { factor })
 }
 
 fn point(level: &Level, chosen: &Smoothness, factor: f64) -> Result<CurvePoint> {
     let smoothness = chosen.times(factor);
     let fit = level.fit(&smoothness)?;
     let n = level.equations.right_side.len() as f64;
-    let parameters = n - weighted(&smoothness, &level.traces(&level.draws(&fit.a)));
+    let parameters = n - weighted(&smoothness, &level.traces(&level.draws(|z| fit.a.draw(z))));
     // ln |P| scales by n ln factor; its value at the maximum is a constant of the curve.
     let evidence =
         0.5 * (n * factor.ln() - fit.a.log_determinant() - (level.equations.square - fit.gain));

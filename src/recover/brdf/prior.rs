@@ -375,6 +375,77 @@ impl Penalties {
     }
 }
 
+/// The Cholesky factor L Lᵀ of a prior's precision, of which only a band about the diagonal is not 0: splines meet those some rows on and no
+/// others, and the unknowns are in the order of the rows. A thirteenth of the work of the dense one.
+pub struct Banded {
+    /// Entries of a row before the diagonal.
+    width: usize,
+    /// L_{ij} at \[i\]\[j − i + width\]; 0 where j < 0.
+    rows: Vec<f64>,
+}
+
+impl Banded {
+    /// Factors P on a space whose every coefficient is an unknown; `None` if it is not positive definite to rounding.
+    pub fn new(penalties: &Penalties, smoothness: &Smoothness) -> Option<Self> {
+        let weights = smoothness.weights();
+        let products = &penalties.products;
+        let reach = |(i, row): (usize, &Vec<(usize, [f64; 3])>)| row.first().map_or(0, |p| i - p.0);
+        let width = products.iter().enumerate().map(reach).max().unwrap_or(0);
+        let stride = width + 1;
+        let mut rows = vec![0.0; stride * products.len()];
+        for (i, row) in products.iter().enumerate() {
+            let (before, own) = rows.split_at_mut(stride * i);
+            let own = &mut own[..stride];
+            for (j, forms) in row {
+                own[j + width - i] = weigh(&weights, forms);
+            }
+            for j in i.saturating_sub(width)..i {
+                // The columns that both rows hold: from i − width to j.
+                let at = j + width - i;
+                let other = &before[stride * j..stride * (j + 1)];
+                let sum = inner(&own[..at], &other[width - at..width]);
+                own[at] = (own[at] - sum) / other[width];
+            }
+            let left = own[width] - inner(&own[..width], &own[..width]);
+            if !(left > 0.0 && left.is_finite()) {
+                return None;
+            }
+            own[width] = left.sqrt();
+        }
+        Some(Self { width, rows })
+    }
+
+    /// L⁻ᵀ · rhs: turns white noise into draws with this precision.
+    pub fn draw(&self, rhs: &mut Mat<f64>) {
+        let stride = self.width + 1;
+        for mut column in rhs.col_iter_mut() {
+            for i in (0..column.nrows()).rev() {
+                let row = &self.rows[stride * i..stride * (i + 1)];
+                let value = column[i] / row[self.width];
+                column[i] = value;
+                let from = i.saturating_sub(self.width);
+                for (j, l) in (from..i).zip(&row[self.width - (i - from)..]) {
+                    column[j] -= l * value;
+                }
+            }
+        }
+    }
+}
+
+/// Σ a b, summed in eight parts that a processor adds side by side.
+fn inner(a: &[f64], b: &[f64]) -> f64 {
+    let mut parts = [0.0; 8];
+    let (whole_a, rest_a) = a.as_chunks::<8>();
+    let (whole_b, rest_b) = b.as_chunks::<8>();
+    for (a, b) in whole_a.iter().zip(whole_b) {
+        for (sum, (a, b)) in parts.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    let rest: f64 = rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum();
+    parts.iter().sum::<f64>() + rest
+}
+
 /// The precision of coefficients on the finest splines that are independent of each other: `amplitude` times the square of the
 /// spacing each.
 pub fn white(space: &Space, amplitude: f64) -> Precision {
