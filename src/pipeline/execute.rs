@@ -289,7 +289,7 @@ impl Task<'_> {
             estimate,
             light,
             part,
-        } = known::slice(&mut found, samples, systematics, radius_px, &options)?;
+        } = known::slice(&mut found, samples, systematics, Some(radius_px), &options)?;
         clock.lap("BRDF");
         let (models, note) = material::fit_models(&estimate, recipe.scale.is_given());
         clock.lap("models");
@@ -389,7 +389,7 @@ fn straighter(
     let again = |samples: &Samples| {
         let widened = known::with_model_error(samples, radius_px);
         let mut found = factorise::recover_with(&widened, &[], &jointly)?;
-        let under = known::slice(&mut found, samples, &[], radius_px, &options)?;
+        let under = known::slice(&mut found, samples, &[], Some(radius_px), &options)?;
         let slice = material::as_material(&under.estimate)?;
         let predicted = fit::predict(&under.light, &slice, &under.part)?;
         Ok(mean_unexplained(&fit::quality(&under.part, &predicted)))

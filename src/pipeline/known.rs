@@ -11,7 +11,7 @@ use crate::light_field::{Column, Samples, Systematic};
 use crate::lighting::{Lighting, Source};
 use crate::recover::Status;
 use crate::recover::brdf::{self, BrdfEstimate, LightError};
-use crate::recover::factorise::{self, Channel, Factorisation};
+use crate::recover::factorise::{self, Channel, Factorisation, OpenError};
 
 /// A slice, and what it was recovered from.
 pub struct Slice {
@@ -23,8 +23,9 @@ pub struct Slice {
     pub part: Samples,
 }
 
-/// Recovers the slice under the light that was found in `samples` of an object `radius_px` large with the errors `systematics` that all of them
-/// share, and takes back what the slice does not bear out ([`retract_unseen`]).
+/// Recovers the slice under the light that was found in `samples` with the errors `systematics` that all of them
+/// share, and takes back what the slice does not bear out ([`retract_unseen`]). Samples of photographs come with the radius of the object in
+/// them, and have an error of their own ([`with_model_error`]); computed ones have none.
 ///
 /// # Errors
 /// As [`brdf::recover_under`].
@@ -32,14 +33,17 @@ pub fn slice(
     found: &mut Factorisation,
     samples: &Samples,
     systematics: &[Systematic],
-    radius_px: f64,
+    radius_px: Option<f64>,
     options: &brdf::Options,
 ) -> Result<Slice> {
     let light = known_light(found);
     let (part, widened) = known_part(found, &corrected(found, samples, systematics));
-    let open = open_systematics(found, samples, systematics);
-    let widened = with_model_error(&widened, radius_px);
-    let estimate = brdf::recover_under(&widened, &open, &light, &light_errors(found), options)?;
+    let widened = match radius_px {
+        Some(radius_px) => with_model_error(&widened, radius_px),
+        None => widened,
+    };
+    let errors = light_errors(found, samples, systematics);
+    let estimate = brdf::recover_under(&widened, &light, &errors, options)?;
     retract_unseen(found, &estimate);
     Ok(Slice {
         estimate,
@@ -219,9 +223,19 @@ fn own_sigma(channel: &Channel, p: usize) -> f64 {
     (channel.sigma[p].powi(2) - shared).max(0.0).sqrt()
 }
 
-/// How well the known frequencies of each channel's light are known, beside the errors that all samples share.
-fn light_errors(found: &Factorisation) -> Vec<LightError> {
-    found.channels.iter().map(light_error).collect()
+/// How well the known frequencies of each channel's light are known, and beside it the errors that all samples share.
+fn light_errors(
+    found: &Factorisation,
+    samples: &Samples,
+    systematics: &[Systematic],
+) -> Vec<LightError> {
+    let channels = found.channels.iter().enumerate();
+    channels
+        .map(|(c, channel)| LightError {
+            changes: open_changes(found, c, samples, systematics),
+            ..light_error(channel)
+        })
+        .collect()
 }
 
 fn light_error(channel: &Channel) -> LightError {
@@ -257,6 +271,7 @@ fn light_error(channel: &Channel) -> LightError {
     LightError {
         frequencies,
         covariance,
+        changes: Vec::new(),
     }
 }
 
@@ -274,51 +289,36 @@ fn corrected(found: &Factorisation, samples: &Samples, systematics: &[Systematic
     samples
 }
 
-/// What is still open of those errors: by how much they change the samples while the light stays as it was found.
-///
-/// The light that goes along with each error changes them too: an error that it makes up for changes nothing.
-fn open_systematics(
+/// What is still open of those errors in channel `c`: by how much they change the samples together with the error of the light that goes with them,
+/// \[error\]\[column\]\[sample\]. An error that the light makes up for changes nothing.
+fn open_changes(
     found: &Factorisation,
+    c: usize,
     samples: &Samples,
     systematics: &[Systematic],
-) -> Vec<Systematic> {
-    let responses: Vec<Vec<Vec<Complex64>>> = found
-        .channels
-        .iter()
-        .map(|channel| responses(found, channel, samples))
-        .collect();
-    (0..systematics.len())
-        .map(|k| Systematic {
-            name: format!("combination {k} of the errors of the geometry"),
-            change: found
-                .channels
+) -> Vec<Vec<Vec<f64>>> {
+    let Some(channel) = found.channels.get(c).filter(|_| !systematics.is_empty()) else {
+        return Vec::new();
+    };
+    let responses = responses(found, channel, samples);
+    let of_column = |j: usize, open: &OpenError| -> Vec<f64> {
+        let column = &samples.columns[j];
+        let along = Series {
+            coefficients: responses[j]
                 .iter()
-                .enumerate()
-                .map(|(c, channel)| {
-                    let Some(open) = channel.systematics.open.get(k) else {
-                        let none = samples.columns.iter().map(|s| vec![0.0; s.alpha.len()]);
-                        return none.collect();
-                    };
-                    let columns = samples.columns.iter().zip(&responses[c]).enumerate();
-                    columns
-                        .map(|(j, (column, response))| {
-                            let along = Series {
-                                coefficients: response
-                                    .iter()
-                                    .zip(&open.light.coefficients)
-                                    .map(|(h, l)| h * l)
-                                    .collect(),
-                            };
-                            combined(systematics, &open.errors, c, j, column)
-                                .into_iter()
-                                .zip(&column.alpha)
-                                .map(|(change, alpha)| change + along.evaluate(*alpha))
-                                .collect()
-                        })
-                        .collect()
-                })
+                .zip(&open.light.coefficients)
+                .map(|(h, l)| h * l)
                 .collect(),
-        })
+        };
+        combined(systematics, &open.errors, c, j, column)
+            .into_iter()
+            .zip(&column.alpha)
+            .map(|(change, alpha)| change + along.evaluate(*alpha))
+            .collect()
+    };
+    let columns = 0..samples.columns.len();
+    let open = channel.systematics.open.iter();
+    open.map(|open| columns.clone().map(|j| of_column(j, open)).collect())
         .collect()
 }
 

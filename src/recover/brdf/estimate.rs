@@ -37,7 +37,7 @@ pub struct Slice {
     #[serde(skip)]
     pub unresolved: Vec<f64>,
     /// Cramér–Rao bound of the problem without smoothness prior, at the resolution of the splines; very large where the samples
-    /// alone do not determine the value.
+    /// alone do not determine the value. Holds what the light's own uncertainty adds, where the light is not known for certain.
     #[serde(skip)]
     pub bound: Vec<f64>,
     /// Status of each cell.

@@ -283,47 +283,34 @@ impl Information {
         Ok(equations)
     }
 
-    /// The right side of the equations if the samples were the changes that `of_column` gives of those that are seen, in σ, several at a time:
-    /// \[unknown\]\[change\]. What systematic errors explain of them is none of it, as in [`equations`](Self::equations).
-    ///
-    /// # Errors
-    /// If the systematic errors are not finite.
+    /// The right side of the equations of independent samples if these were the changes that `of_column` gives of those that are seen, in σ, several at a
+    /// time: \[unknown\]\[change\].
     pub fn right_sides(
         &self,
         samples: &Samples,
         channel: usize,
-        systematics: &[Systematic],
         light: &Illumination,
         noise: f64,
-        of_column: impl Fn(&Column, &[Sample]) -> Mat<f64> + Sync,
-    ) -> Result<Mat<f64>> {
-        let parts: Vec<(Touched, Mat<f64>, Mat<f64>)> = samples
+        of_column: impl Fn(usize, &Column, &[Sample]) -> Mat<f64> + Sync,
+    ) -> Mat<f64> {
+        let parts: Vec<(Touched, Mat<f64>)> = samples
             .columns
             .par_iter()
             .enumerate()
             .filter_map(|(j, column)| {
                 let seen = Seen::new(column, channel, light)?;
-                let change = of_column(column, &seen.samples);
-                let shared = changed(&seen.samples, &self::of_column(systematics, channel, j));
+                let change = of_column(j, column, &seen.samples);
                 let touched = Touched::new(column.local.rad(), &self.space);
-                Some((touched, &seen.rows * &change, shared.transpose() * &change))
+                Some((touched, &seen.rows * &change))
             })
             .collect();
         let count = parts.first().map_or(0, |p| p.1.ncols());
         let mut sum = Mat::zeros(self.space.len(), count);
-        for (touched, column, _) in &parts {
+        for (touched, column) in &parts {
             touched.add(column, &mut sum);
         }
         sum *= faer::Scale(1.0 / noise);
-        if let Some(coupling) = &self.coupling {
-            let mut shared = Mat::zeros(coupling.rhs.len(), count);
-            for (_, _, column) in &parts {
-                shared += column;
-            }
-            coupling.factor(noise)?.solve(&mut shared);
-            sum -= faer::Scale(noise.powi(-2)) * (&coupling.cross * shared);
-        }
-        Ok(sum)
+        sum
     }
 
     /// χ² of the unknowns `x`, by the variances as given, with the systematic errors that fit best where there are any.
@@ -588,7 +575,7 @@ fn of_column(systematics: &[Systematic], channel: usize, j: usize) -> Vec<&[f64]
 }
 
 /// What each systematic error does to the `samples` of one column, in σ: \[sample\]\[error\]; `changes` are those of all its samples.
-fn changed(samples: &[Sample], changes: &[&[f64]]) -> Mat<f64> {
+pub fn changed(samples: &[Sample], changes: &[&[f64]]) -> Mat<f64> {
     Mat::from_fn(samples.len(), changes.len(), |i, s| {
         let change = changes[s].get(samples[i].number).copied().unwrap_or(0.0);
         // A slope that could not be told says nothing.

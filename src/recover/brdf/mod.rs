@@ -156,15 +156,24 @@ pub fn recover_with(
     lighting: &Lighting,
     options: &Options,
 ) -> Result<BrdfEstimate> {
-    recover_under(samples, systematics, lighting, &[], options)
+    recover_all(samples, systematics, lighting, &[], options)
 }
 
 /// The same under a light that is not known for certain: `errors` per channel of the samples, none where the light is known. They are not fitted, but
-/// what they do to the slice is in its σ.
+/// what they do to the slice is in its σ, and in the bound.
 ///
 /// # Errors
 /// As [`recover`], and if a covariance is not one of its frequencies.
 pub fn recover_under(
+    samples: &Samples,
+    lighting: &Lighting,
+    errors: &[LightError],
+    options: &Options,
+) -> Result<BrdfEstimate> {
+    recover_all(samples, &[], lighting, errors, options)
+}
+
+fn recover_all(
     samples: &Samples,
     systematics: &[Systematic],
     lighting: &Lighting,
@@ -328,14 +337,7 @@ fn recover_channel(
     };
     let fit = fine.as_ref().unwrap_or(&coarse);
     let followed = match error {
-        Some(error) => light_error::followed(
-            fit,
-            samples,
-            channel,
-            systematics,
-            &through(fit.space()),
-            error,
-        )?,
+        Some(error) => light_error::followed(fit, samples, channel, &through(fit.space()), error)?,
         None => Mat::zeros(fit.space().len(), 0),
     };
     let (size, order) = (options.size, options.order);

@@ -250,7 +250,7 @@ pub fn read(
     for (k, &(i, j)) in cells.iter().enumerate() {
         for cell in [i * size + j, j * size + i] {
             grid.values[cell] = values[k];
-            grid.bound[cell] = bound[k];
+            grid.bound[cell] = bound[k].hypot(others[k].sqrt());
             grid.unresolved[cell] = unresolved[cell];
             (grid.sigma[cell], grid.status[cell]) = judged[k];
         }
@@ -397,7 +397,7 @@ fn coefficients(
                 q,
                 value: fitted.value,
                 sigma: sigma(status, 1.0, own).hypot(fitted.others.sqrt()),
-                bound,
+                bound: bound.hypot(fitted.others.sqrt()),
                 status,
             }
         })

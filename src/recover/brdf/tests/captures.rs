@@ -279,9 +279,10 @@ fn errors_of_the_light_are_in_the_error_bars() {
                 .iter()
                 .flat_map(|a| parts.iter().map(move |b| a * b))
                 .collect(),
+            changes: Vec::new(),
         };
         let right = recover(&samples, &light, &options).unwrap();
-        let found = recover_under(&samples, &[], &wrong, &[error], &options).unwrap();
+        let found = recover_under(&samples, &wrong, &[error], &options).unwrap();
         let blind = recover(&samples, &wrong, &options).unwrap();
         let (mut moved, mut expected) = (0.0, 0.0);
         for (_, _, k) in cells(found.size) {
