@@ -155,7 +155,7 @@ result; 1: some failed, and the table and the last lines say which and why; 2: n
     Validate {
         /// The studies: a recipe like pipelines/validate.toml
         recipe: PathBuf,
-        /// Folder for validation.csv, the report and the finished cells
+        /// Folder for the tables, the report and the finished cells
         #[arg(long)]
         out: PathBuf,
         /// All of the recipe, not only its default size

@@ -9,7 +9,7 @@ use flatlight::{Error, Result, report};
 use super::progress::Bars;
 use super::{Common, say};
 
-/// A Monte-Carlo study: validation.csv and its report.
+/// A Monte-Carlo study: its tables and its report.
 pub fn validate(recipe_file: &Path, out: &Path, full: bool, common: &Common) -> Result<()> {
     let recipe = StudyRecipe::read(recipe_file)?;
     let plan = recipe.plan(full);
@@ -20,11 +20,9 @@ pub fn validate(recipe_file: &Path, out: &Path, full: bool, common: &Common) -> 
     let cells = study::run(&plan, &folder, threads, &begin, &|| bars.step())?;
     drop(bars);
     let page = report::validation(&recipe.title, &recipe.text, &cells)?;
-    folder.products(&[
-        ("validation.csv", study::csv(&cells)),
-        ("recipe.toml", recipe.text.clone()),
-        ("report.html", page),
-    ])?;
+    let mut products = study::tables(&cells);
+    products.extend([("recipe.toml", recipe.text.clone()), ("report.html", page)]);
+    folder.products(&products)?;
     let failed: Vec<String> = cells.iter().filter_map(failure).collect();
     for warning in &failed {
         say::warning(common, warning);
@@ -44,7 +42,12 @@ pub fn validate(recipe_file: &Path, out: &Path, full: bool, common: &Common) -> 
 }
 
 fn failure((cell, outcome): &(Cell, Outcome)) -> Option<String> {
-    let why = outcome.failure.as_ref()?;
+    // Once for all that is judged of the draws.
+    let first = cell.recovered.quantities().first();
+    let why = outcome
+        .failure
+        .as_ref()
+        .filter(|_| first == Some(&outcome.quantity))?;
     Some(format!(
         "{}: {} of {} draws failed: {why}",
         cell.label(),
@@ -56,8 +59,9 @@ fn failure((cell, outcome): &(Cell, Outcome)) -> Option<String> {
 fn line(cell: &Cell, o: &Outcome) -> String {
     let percent = |v: Option<f64>| v.map_or("–".into(), |v| format!("{:.3} %", 100.0 * v));
     format!(
-        "{}: p ≤ {}, error {}, bias {}, bound {}, ratio {}, coverage {}, {} draws",
+        "{}, {}: p ≤ {}, error {}, bias {}, bound {}, ratio {}, coverage {}, {} draws",
         cell.label(),
+        o.quantity.word(),
         o.band.map_or("–".into(), |b| b.to_string()),
         percent(o.rmse),
         percent(o.bias),

@@ -10,7 +10,7 @@ mod explain;
 mod fingerprint;
 mod fit;
 mod joint;
-mod known;
+pub(crate) mod known;
 mod lean;
 mod material;
 mod measure;

@@ -7,11 +7,19 @@ use super::results::ResultTable;
 use super::sheet::Sheet;
 use super::table::{Cell as Value, Table};
 use crate::error::Result;
-use crate::validate::study::{Cell, Outcome, Recovered};
+use crate::validate::study::{Cell, Outcome, Quantity, Recovered};
 
 type Row = (Cell, Outcome);
 
-const ALL: [Recovered; 3] = [Recovered::Lighting, Recovered::Brdf, Recovered::Both];
+/// What is judged of which recovery.
+type Kind = (Recovered, Quantity);
+
+const ALL: [Kind; 4] = [
+    (Recovered::Lighting, Quantity::Lighting),
+    (Recovered::Brdf, Quantity::Brdf),
+    (Recovered::Both, Quantity::Lighting),
+    (Recovered::Both, Quantity::Brdf),
+];
 /// What 95 % intervals of determined quantities are to cover.
 const COVERED: std::ops::RangeInclusive<f64> = 0.93..=0.97;
 /// Bound from which on nothing is promised of the recovery of both.
@@ -26,8 +34,8 @@ pub fn validation(title: &str, recipe: &str, cells: &[(Cell, Outcome)]) -> Resul
         title,
         kind: "Errors of synthetic recoveries against the Cramér–Rao bound",
         warnings: cells.iter().filter_map(failure).collect(),
-        findings: ALL.iter().filter_map(|r| finding(*r, cells)).collect(),
-        tables: ALL.iter().filter_map(|r| table(*r, cells)).collect(),
+        findings: ALL.iter().filter_map(|k| finding(*k, cells)).collect(),
+        tables: ALL.iter().filter_map(|k| table(*k, cells)).collect(),
         figures: vec![
             error_and_bound(cells),
             against_noise(
@@ -52,12 +60,29 @@ pub fn validation(title: &str, recipe: &str, cells: &[(Cell, Outcome)]) -> Resul
     .page()
 }
 
-fn of(recovered: Recovered, cells: &[Row]) -> impl Iterator<Item = &Row> {
-    cells.iter().filter(move |(c, _)| c.recovered == recovered)
+fn kind((cell, outcome): &Row) -> Kind {
+    (cell.recovered, outcome.quantity)
 }
 
+fn of(wanted: Kind, cells: &[Row]) -> impl Iterator<Item = &Row> {
+    cells.iter().filter(move |row| kind(row) == wanted)
+}
+
+/// What a person calls it.
+fn word((recovered, quantity): Kind) -> String {
+    match recovered {
+        Recovered::Both => format!("both, {}", quantity.word()),
+        _ => recovered.word().to_owned(),
+    }
+}
+
+/// Draws that failed, said once for all that is judged of them.
 fn failure((cell, outcome): &Row) -> Option<String> {
-    let why = outcome.failure.as_ref()?;
+    let first = cell.recovered.quantities().first();
+    let why = outcome
+        .failure
+        .as_ref()
+        .filter(|_| first == Some(&outcome.quantity))?;
     Some(format!(
         "{}: {} of {} draws failed. {why}",
         cell.label(),
@@ -67,8 +92,9 @@ fn failure((cell, outcome): &Row) -> Option<String> {
 }
 
 /// How many cells keep what is promised, and which not.
-fn finding(recovered: Recovered, cells: &[Row]) -> Option<String> {
-    let judged: Vec<&Row> = of(recovered, cells)
+fn finding(kind: Kind, cells: &[Row]) -> Option<String> {
+    let (recovered, _) = kind;
+    let judged: Vec<&Row> = of(kind, cells)
         .filter(|(_, o)| o.ratio().is_some())
         .filter(|(_, o)| recovered != Recovered::Both || o.bound.is_some_and(|b| b < BOUND_OF_BOTH))
         .collect();
@@ -95,7 +121,7 @@ fn finding(recovered: Recovered, cells: &[Row]) -> Option<String> {
         .count();
     let mut text = format!(
         "{}: {} of {} cells are within {promised} times the bound; coverage is outside 93–97 % in {outside}.",
-        recovered.word(),
+        word(kind),
         judged.len() - over.len(),
         judged.len()
     );
@@ -105,9 +131,9 @@ fn finding(recovered: Recovered, cells: &[Row]) -> Option<String> {
     Some(text)
 }
 
-fn table(recovered: Recovered, cells: &[Row]) -> Option<ResultTable> {
+fn table(kind: Kind, cells: &[Row]) -> Option<ResultTable> {
     let share = |v: Option<f64>| v.map_or("—".to_owned(), percent);
-    let rows: Vec<Vec<String>> = of(recovered, cells)
+    let rows: Vec<Vec<String>> = of(kind, cells)
         .map(|(c, o)| {
             vec![
                 c.study.clone(),
@@ -128,10 +154,11 @@ fn table(recovered: Recovered, cells: &[Row]) -> Option<ResultTable> {
         })
         .collect();
     (!rows.is_empty()).then(|| ResultTable {
-        title: match recovered {
-            Recovered::Lighting => "Lighting from a known BRDF",
-            Recovered::Brdf => "BRDF from known lighting",
-            Recovered::Both => "Lighting where both are recovered",
+        title: match kind {
+            (Recovered::Lighting, _) => "Lighting from a known BRDF",
+            (Recovered::Brdf, _) => "BRDF from known lighting",
+            (Recovered::Both, Quantity::Lighting) => "Lighting where both are recovered",
+            (Recovered::Both, Quantity::Brdf) => "BRDF where both are recovered",
         }
         .to_owned(),
         columns: [
@@ -156,22 +183,23 @@ fn table(recovered: Recovered, cells: &[Row]) -> Option<ResultTable> {
     })
 }
 
-fn class(recovered: Recovered) -> (&'static str, Mark) {
-    match recovered {
-        Recovered::Lighting => ("s-a", Mark::Disc),
-        Recovered::Brdf => ("s-b", Mark::Ring),
-        Recovered::Both => ("s-c", Mark::Cross),
+fn class(kind: Kind) -> (&'static str, Mark) {
+    match kind {
+        (Recovered::Lighting, _) => ("s-a", Mark::Disc),
+        (Recovered::Brdf, _) => ("s-b", Mark::Ring),
+        (Recovered::Both, Quantity::Lighting) => ("s-c", Mark::Cross),
+        (Recovered::Both, Quantity::Brdf) => ("s-d", Mark::Disc),
     }
 }
 
 fn legend() -> Vec<Legend> {
     ALL.iter()
-        .map(|r| {
-            let (class, mark) = class(*r);
+        .map(|&kind| {
+            let (class, mark) = class(kind);
             Legend {
                 class: class.to_owned(),
                 mark,
-                label: r.word().to_owned(),
+                label: word(kind),
             }
         })
         .collect()
@@ -183,6 +211,7 @@ fn data(cells: &[Row]) -> Table {
         columns: [
             "study",
             "recovered",
+            "quantity",
             "brdf",
             "lighting",
             "noise",
@@ -201,6 +230,7 @@ fn data(cells: &[Row]) -> Table {
                 vec![
                     Value::Text(c.study.clone()),
                     Value::Text(c.recovered.word().to_owned()),
+                    Value::Text(o.quantity.word().to_owned()),
                     Value::Text(c.brdf.clone()),
                     Value::Text(c.lighting.clone()),
                     Value::Number(c.noise),
@@ -213,7 +243,7 @@ fn data(cells: &[Row]) -> Table {
                 ]
             })
             .collect(),
-        note: "The file validation.csv has the values at full precision.".to_owned(),
+        note: "The files validation.csv and validation_slices.csv (BRDF where both are recovered) have the values at full precision.".to_owned(),
     }
 }
 
@@ -233,9 +263,9 @@ fn error_and_bound(cells: &[Row]) -> Figure {
             &[(scale.low(), scale.low()), (scale.high(), scale.high())],
             "bound",
         );
-        for (cell, outcome) in cells {
-            if let (Some(error), Some(bound)) = (outcome.rmse, outcome.bound) {
-                let (class, mark) = class(cell.recovered);
+        for row in cells {
+            if let (Some(error), Some(bound)) = (row.1.rmse, row.1.bound) {
+                let (class, mark) = class(kind(row));
                 plot.point(bound, error, mark, class);
             }
         }
@@ -277,10 +307,10 @@ fn against_noise(
         Axis::new(id, y, 5),
     )
     .with_legend(legend());
-    for (cell, outcome) in cells {
-        if let Some(value) = quantity(outcome) {
-            let (class, mark) = class(cell.recovered);
-            plot.point(cell.noise, value, mark, class);
+    for row in cells {
+        if let Some(value) = quantity(&row.1) {
+            let (class, mark) = class(kind(row));
+            plot.point(row.0.noise, value, mark, class);
         }
     }
     Figure {

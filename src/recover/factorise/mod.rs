@@ -290,8 +290,8 @@ pub fn spectra(samples: &Samples, channel: usize) -> Vec<Option<Series>> {
         .collect()
 }
 
-/// σ of L_1 … L_order at the Cramér–Rao bound for L_0 known, for `truth` and samples `clean` of its light field that hold
-/// the noise's variance but no noise; over the frequencies 0 … order, \[order + 1\] with 0 for L_0.
+/// Covariance of (Re L_p, Im L_p), p = 1 … order, row-major, \[2·order\]\[2·order\], at the Cramér–Rao bound for L_0 known, for `truth` and samples
+/// `clean` of its light field that hold the noise's variance but no noise; over the frequencies 0 … order.
 ///
 /// # Errors
 /// As [`recover`].
@@ -306,10 +306,9 @@ pub fn cramer_rao(
     spectrum.forget_guesses();
     let frequencies: Vec<usize> = (0..=order).collect();
     let covariance = uncertainty::bound(&spectrum, &half, truth, &frequencies)?;
-    let mut bound = vec![0.0];
-    for p in 1..=order {
-        bound
-            .push((covariance[(2 * p - 2, 2 * p - 2)] + covariance[(2 * p - 1, 2 * p - 1)]).sqrt());
-    }
-    Ok(bound)
+    let size = 2 * order;
+    Ok((0..size)
+        .flat_map(|i| (0..size).map(move |j| (i, j)))
+        .map(|at| covariance[at])
+        .collect())
 }

@@ -18,6 +18,14 @@ use crate::light_field::{Column, Samples};
 use crate::lighting::{Lighting, Status};
 use crate::reflect;
 
+/// σ of L_0 … L_order at the Cramér–Rao bound.
+pub(super) fn bounds(clean: &Samples, truth: &Series, order: usize) -> Vec<f64> {
+    let covariance = cramer_rao(clean, 0, truth, order).expect("a bound");
+    let variance = |i: usize| covariance[i * (2 * order + 1)];
+    let others = (1..=order).map(|p| (variance(2 * p - 2) + variance(2 * p - 1)).sqrt());
+    std::iter::once(0.0).chain(others).collect()
+}
+
 /// A BRDF by its recipe.
 pub(super) fn brdf(recipe: &str) -> Arc<dyn Brdf> {
     let table: toml::Table = recipe.parse().expect("a TOML table");
@@ -213,8 +221,7 @@ fn monte_carlo(
     let milliseconds = 1e3 * begun.elapsed().as_secs_f64() / draws as f64;
     let band = found.iter().map(|c| c.band).min().unwrap_or(0);
     let truth = light.series(band);
-    let bound =
-        cramer_rao(&samples(&clean, grid, sigma, cut, None), 0, &truth, band).expect("a bound");
+    let bound = bounds(&samples(&clean, grid, sigma, cut, None), &truth, band);
     let kept: Vec<usize> = (1..=band)
         .filter(|&p| bound[p] < 0.05 && found.iter().all(|c| c.status[p] == Status::Determined))
         .collect();

@@ -321,7 +321,7 @@ fn the_bound_is_that_of_the_whole_problem() {
     let clean = Light::Limited(truth.clone()).field(brdf(PHONG_32).as_ref(), grid);
     let sigma = 1e-2;
     let s = samples(&clean, grid, sigma, 90.0, None);
-    let fast = cramer_rao(&s, 0, &truth, 3).expect("a bound");
+    let fast = study::bounds(&s, &truth, 3);
 
     let half = HalfCircle::new(8);
     let spectrum = Spectrum::fit(&s, 0, &half, 3, 1.0).expect("a spectrum");

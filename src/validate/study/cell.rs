@@ -6,10 +6,11 @@ use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
 use super::scene::Scene;
-use super::tally::{Draw, Judged, Outcome, determined, tally};
+use super::tally::{Draw, Judged, Outcome, Quantity, determined, tally};
 use crate::angle::LocalAngle;
 use crate::error::{Error, Result};
 use crate::fourier::Series;
+use crate::pipeline::known;
 use crate::recover::{Status, brdf, factorise, lighting};
 
 /// Cells of the half × half grid on which a BRDF is compared: one every 4°, about the spacing of its splines.
@@ -38,6 +39,15 @@ impl Recovered {
             Self::Lighting => "lighting",
             Self::Brdf => "brdf",
             Self::Both => "both",
+        }
+    }
+
+    /// What is judged of it, in the order of the table.
+    pub fn quantities(self) -> &'static [Quantity] {
+        match self {
+            Self::Lighting => &[Quantity::Lighting],
+            Self::Brdf => &[Quantity::Brdf],
+            Self::Both => &[Quantity::Lighting, Quantity::Brdf],
         }
     }
 
@@ -130,9 +140,12 @@ impl Cell {
 pub(super) struct Prepared<'a> {
     cell: &'a Cell,
     scene: Scene,
-    /// Of a BRDF cell.
+    /// Of a cell whose BRDF is judged.
     slice: TrueSlice,
 }
+
+/// One draw: what is judged of it, in the order of [`Recovered::quantities`].
+pub(super) type Drawn = Vec<Draw>;
 
 /// The planted slice: what a BRDF is compared with.
 #[derive(Default)]
@@ -152,14 +165,16 @@ impl<'a> Prepared<'a> {
         };
         *last = Some((cell.clone(), scene.clone()));
         let slice = match cell.recovered {
-            Recovered::Brdf => TrueSlice::new(&scene),
-            _ => TrueSlice::default(),
+            Recovered::Lighting => TrueSlice::default(),
+            Recovered::Brdf => TrueSlice::new(&scene, 1.0),
+            // As the light: in the scale L_0 = 1.
+            Recovered::Both => TrueSlice::new(&scene, unit(&scene)),
         };
         Ok(Self { cell, scene, slice })
     }
 
     /// Recovers from one draw of the noise.
-    pub fn draw(&self, draw: usize) -> Result<Draw> {
+    pub fn draw(&self, draw: usize) -> Result<Drawn> {
         let samples = self
             .scene
             .samples(self.cell, Some(self.cell.draw_seed(draw)));
@@ -172,23 +187,22 @@ impl<'a> Prepared<'a> {
                 };
                 let found = lighting::recover(&samples, &self.scene.material, &options)?;
                 let channel = found.channels.first().ok_or_else(no_channel)?;
-                Ok(self.judge_lighting(channel))
+                Ok(vec![self.judge_lighting(channel)])
             }
             Recovered::Brdf => {
-                let options = brdf::Options {
-                    size: BRDF_SIZE,
-                    order: BRDF_ORDER,
-                    curve: false,
-                    ..brdf::Options::default()
-                };
-                let found = brdf::recover(&samples, &self.scene.lighting, &options)?;
+                let found = brdf::recover(&samples, &self.scene.lighting, &slice_options())?;
                 let slice = found.slices.first().ok_or_else(no_channel)?;
-                Ok(self.judge_slice(slice))
+                Ok(vec![self.judge_slice(slice)])
             }
             Recovered::Both => {
-                let found = factorise::recover(&samples, &factorise::Options::default())?;
+                let mut found = factorise::recover(&samples, &factorise::Options::default())?;
+                let under = known::slice(&mut found, &samples, &[], None, &slice_options())?;
                 let channel = found.channels.first().ok_or_else(no_channel)?;
-                Ok(self.judge_factorisation(channel))
+                let slice = under.estimate.slices.first().ok_or_else(no_channel)?;
+                Ok(vec![
+                    self.judge_factorisation(channel),
+                    self.judge_slice(slice),
+                ])
             }
         }
     }
@@ -289,42 +303,70 @@ impl<'a> Prepared<'a> {
     /// The light's series in the scale L_0 = 1.
     fn true_unit_lighting(&self, order: usize) -> Series {
         let mut series = self.scene.lighting.series(0, order);
-        let mean = series.get(0).re;
         for c in &mut series.coefficients {
-            *c /= mean;
+            *c /= unit(&self.scene);
         }
         series
     }
 
-    /// Compares all draws with the truth.
-    pub fn tally(&self, draws: Vec<Result<Draw>>) -> Outcome {
+    /// Compares all draws with the truth: an outcome for each of [`Recovered::quantities`].
+    pub fn tally(&self, draws: Vec<Result<Drawn>>) -> Vec<Outcome> {
         let mut failures = Vec::new();
-        let mut good: Vec<Draw> = draws
+        let good: Vec<Drawn> = draws
             .into_iter()
             .filter_map(|d| d.map_err(|e| failures.push(e.to_string())).ok())
             .collect();
-        let kept = determined(&good);
-        let mut outcome = match self.cell.recovered {
-            Recovered::Lighting => self.tally_lighting(&good, &kept),
-            Recovered::Brdf => self.tally_slice(&good, &kept),
-            Recovered::Both => match self.tally_both(&mut good, &kept) {
-                Ok(outcome) => outcome,
-                Err(e) => {
-                    failures.push(e.to_string());
-                    Outcome::default()
+        let succeeded = good.len();
+        // The draws of each quantity.
+        let mut of: Vec<Vec<Draw>> = self
+            .cell
+            .recovered
+            .quantities()
+            .iter()
+            .map(|_| Vec::new())
+            .collect();
+        for drawn in good {
+            for (of, draw) in of.iter_mut().zip(drawn) {
+                of.push(draw);
+            }
+        }
+        if self.cell.recovered == Recovered::Both
+            && let [light, slice] = of.as_mut_slice()
+            && let Err(e) = self.bound_both(light, slice)
+        {
+            failures.push(e.to_string());
+        }
+        let failure = failures.into_iter().next();
+        let quantities = self.cell.recovered.quantities().iter().zip(of);
+        quantities
+            .map(|(&quantity, draws)| {
+                let kept = determined(&draws);
+                let outcome = match (quantity, self.cell.recovered) {
+                    (Quantity::Lighting, Recovered::Both) => {
+                        self.tally_unit_lighting(&draws, &kept)
+                    }
+                    (Quantity::Lighting, _) => self.tally_lighting(&draws, &kept),
+                    (Quantity::Brdf, _) => self.tally_slice(&draws, &kept),
+                };
+                Outcome {
+                    quantity,
+                    draws: succeeded,
+                    failed: self.cell.draws - succeeded,
+                    failure: failure.clone(),
+                    ..outcome
                 }
-            },
-        };
-        outcome.draws = good.len();
-        outcome.failed = self.cell.draws - good.len();
-        outcome.failure = failures.into_iter().next();
-        outcome
+            })
+            .collect()
     }
 
-    /// Of the values if any is determined, else of the spectrum: light without detail determines averages only.
+    /// Of the values if any is determined, else of the spectrum: light without detail determines averages only. Of `both` it is the other way round, as
+    /// light that is found up to a frequency has no detail beyond it, whatever the true one has.
     fn tally_slice(&self, draws: &[Draw], kept: &[bool]) -> Outcome {
         let values = self.slice.values.len();
-        let by_value = kept.iter().take(values).any(|k| *k);
+        let by_value = match self.cell.recovered {
+            Recovered::Both => !kept.iter().skip(values).any(|k| *k),
+            _ => kept.iter().take(values).any(|k| *k),
+        };
         let mut kept = kept.to_vec();
         for (i, kept) in kept.iter_mut().enumerate() {
             *kept &= (i < values) == by_value;
@@ -371,39 +413,68 @@ impl<'a> Prepared<'a> {
         outcome
     }
 
-    fn tally_both(&self, draws: &mut [Draw], kept: &[bool]) -> Result<Outcome> {
+    fn tally_unit_lighting(&self, draws: &[Draw], kept: &[bool]) -> Outcome {
         let band = kept.iter().rposition(|k| *k).map(|i| i / 2 + 1);
+        let truth = self.true_unit_lighting(band.unwrap_or(0));
+        let mut outcome = tally(
+            draws,
+            kept,
+            &vec![2.0; kept.len()],
+            coefficient_norm(&truth),
+        );
+        outcome.band = band;
+        outcome
+    }
+
+    /// Fills in the bounds of light and slice of `both`, which are those at the truth.
+    ///
+    /// With J the information of both, that of the slice is the bound under the true light and what the light's own bound does to it.
+    fn bound_both(&self, light: &mut [Draw], slice: &mut [Draw]) -> Result<()> {
         // The bound's problem has all frequencies that the fits had.
-        let order = kept.len() / 2;
-        let truth = self.true_unit_lighting(order);
+        let order = determined(light).len() / 2;
+        if order == 0 {
+            return Ok(());
+        }
         let clean = self.scene.samples(self.cell, None);
-        let bound = if order == 0 {
-            Vec::new()
-        } else {
-            factorise::cramer_rao(&clean, 0, &truth, order)?
-        };
-        for draw in draws.iter_mut() {
-            for (i, q) in draw.quantities.iter_mut().enumerate() {
-                // The bound is of the complex number.
-                if let Some(b) = bound.get(i / 2 + 1) {
-                    q.bound_square = 0.5 * b * b;
+        let truth = self.true_unit_lighting(order);
+        let covariance = factorise::cramer_rao(&clean, 0, &truth, order)?;
+        for parts in light.iter_mut().map(|d| d.quantities.chunks_mut(2)) {
+            for (p, parts) in parts.enumerate().take(order) {
+                let variance = |k: usize| covariance[(2 * p + k) * (2 * order + 1)];
+                // Of a part of the complex number, whatever its phase.
+                let bound_square = 0.5 * (variance(0) + variance(1));
+                for q in parts {
+                    q.bound_square = bound_square;
                 }
             }
         }
-        let norm = coefficient_norm(&truth.with_order(band.unwrap_or(0)));
-        let mut outcome = tally(draws, kept, &vec![2.0; kept.len()], norm);
-        outcome.band = band;
-        Ok(outcome)
+        // The light is taken in its own scale, in which the slice is smaller.
+        let light_scale = unit(&self.scene).powi(2);
+        let error = brdf::LightError {
+            frequencies: (1..=order).collect(),
+            covariance: covariance.iter().map(|v| v * light_scale).collect(),
+            changes: Vec::new(),
+        };
+        let light = &self.scene.lighting;
+        let found = brdf::recover_under(&clean, light, &[error], &slice_options())?;
+        let at_truth = self.judge_slice(found.slices.first().ok_or_else(no_channel)?);
+        for draw in slice {
+            for (q, truth) in draw.quantities.iter_mut().zip(&at_truth.quantities) {
+                q.bound_square = truth.bound_square * light_scale;
+            }
+        }
+        Ok(())
     }
 }
 
 impl TrueSlice {
-    fn new(scene: &Scene) -> Self {
+    /// The slice of `scene` times `factor`.
+    fn new(scene: &Scene, factor: f64) -> Self {
         let value = |a: f64, b: f64| {
             let rho = scene.material.brdfs.first().map_or(0.0, |brdf| {
                 brdf.value(LocalAngle::radians(a), LocalAngle::radians(b))
             });
-            rho * a.cos() * b.cos()
+            factor * rho * a.cos() * b.cos()
         };
         let angle = |k: usize| -FRAC_PI_2 + (k as f64 + 0.5) * PI / BRDF_SIZE as f64;
         let values = cells()
@@ -445,6 +516,21 @@ impl TrueSlice {
             .collect();
         Self { values, spectrum }
     }
+}
+
+/// How a slice is recovered.
+fn slice_options() -> brdf::Options {
+    brdf::Options {
+        size: BRDF_SIZE,
+        order: BRDF_ORDER,
+        curve: false,
+        ..brdf::Options::default()
+    }
+}
+
+/// L_0 of the true light, which the recovery of both takes as 1.
+fn unit(scene: &Scene) -> f64 {
+    scene.lighting.series(0, 0).get(0).re
 }
 
 /// (p, q) of the independent coefficients of a real and symmetric ρ̃.

@@ -12,7 +12,7 @@ use crate::files::{self, Claim};
 
 /// Where finished cells are kept.
 const CELLS: &str = "cells";
-/// The columns of `validation.csv`.
+/// The columns of the tables.
 const COLUMNS: &str =
     "study,brdf,lighting,noise,views,recovered,band,rmse,bias,bound,ratio,coverage,draws";
 
@@ -21,7 +21,7 @@ const COLUMNS: &str =
 struct Kept {
     version: String,
     cell: Cell,
-    outcome: Outcome,
+    outcomes: Vec<Outcome>,
 }
 
 /// The output folder of a study, which no other process may write to meanwhile.
@@ -56,11 +56,11 @@ impl StudyFolder {
         })
     }
 
-    /// The outcome of a cell that was finished before, with the same definition and the same version.
+    /// The outcomes of a cell that was finished before, with the same definition and the same version.
     ///
     /// # Errors
     /// If the cell's definition has no name, that is, never.
-    pub fn read(&self, cell: &Cell) -> Result<Option<Outcome>> {
+    pub fn read(&self, cell: &Cell) -> Result<Option<Vec<Outcome>>> {
         // TOML, because its numbers come back to the last bit.
         let Ok(text) = fs::read_to_string(self.file(cell)?) else {
             return Ok(None);
@@ -68,18 +68,18 @@ impl StudyFolder {
         let kept: Option<Kept> = toml::from_str(&text).ok();
         Ok(kept
             .filter(|k| k.version == env!("CARGO_PKG_VERSION") && k.cell == *cell)
-            .map(|k| k.outcome))
+            .map(|k| k.outcomes))
     }
 
     /// Keeps a finished cell.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(&self, cell: &Cell, outcome: &Outcome) -> Result<()> {
+    pub fn write(&self, cell: &Cell, outcomes: &[Outcome]) -> Result<()> {
         let kept = Kept {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             cell: cell.clone(),
-            outcome: outcome.clone(),
+            outcomes: outcomes.to_vec(),
         };
         let text = toml::to_string(&kept)
             .map_err(|e| Error::failed(format!("a cell cannot be written as TOML: {e}")))?;
@@ -113,32 +113,47 @@ impl StudyFolder {
     }
 }
 
-/// `validation.csv`: a row per cell. A number that does not exist is an empty field.
-pub fn csv(cells: &[(Cell, Outcome)]) -> String {
-    let mut out = format!("{COLUMNS}\n");
+/// Tables (file, text) with a row per cell. A number that does not exist is an empty field.
+///
+/// * `validation.csv`: of all cells; where both are recovered, of the light.
+/// * `validation_slices.csv`: of the BRDF slice in the cells where both are recovered, if there are any.
+pub fn tables(cells: &[(Cell, Outcome)]) -> Vec<(&'static str, String)> {
+    let table = |rows: &[&(Cell, Outcome)]| {
+        let mut out = format!("{COLUMNS}\n");
+        rows.iter().for_each(|row| write_row(&mut out, row));
+        out
+    };
+    let (main, slices): (Vec<_>, Vec<_>) = cells
+        .iter()
+        .partition(|(cell, o)| cell.recovered.quantities().first() == Some(&o.quantity));
+    let mut tables = vec![("validation.csv", table(&main))];
+    if !slices.is_empty() {
+        tables.push(("validation_slices.csv", table(&slices)));
+    }
+    tables
+}
+
+fn write_row(out: &mut String, (cell, o): &(Cell, Outcome)) {
     let number = |v: Option<f64>| {
         v.filter(|v| v.is_finite())
             .map(|v| v.to_string())
             .unwrap_or_default()
     };
-    for (cell, o) in cells {
-        let _ = writeln!(
-            out,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{}",
-            cell.study,
-            cell.brdf,
-            cell.lighting,
-            cell.noise,
-            cell.views,
-            cell.recovered.word(),
-            o.band.map(|b| b.to_string()).unwrap_or_default(),
-            number(o.rmse),
-            number(o.bias),
-            number(o.bound),
-            number(o.ratio()),
-            number(o.coverage),
-            o.draws
-        );
-    }
-    out
+    let _ = writeln!(
+        out,
+        "{},{},{},{},{},{},{},{},{},{},{},{},{}",
+        cell.study,
+        cell.brdf,
+        cell.lighting,
+        cell.noise,
+        cell.views,
+        cell.recovered.word(),
+        o.band.map(|b| b.to_string()).unwrap_or_default(),
+        number(o.rmse),
+        number(o.bias),
+        number(o.bound),
+        number(o.ratio()),
+        number(o.coverage),
+        o.draws
+    );
 }

@@ -11,7 +11,8 @@
 //! * `lighting`: the real and the imaginary parts of L_p. The truth's coefficients, sources included, are exact.
 //! * `brdf`: the values of ρ̃ = ρ cos θi′ cos θo′ at the cells of a half × half grid of angles; if none is determined, as under
 //!   light without detail, the real and the imaginary parts of ρ̃_{p,q}, p ≤ 16.
-//! * `both`: the parts of L_p, p ≥ 1, in the scale L_0 = 1.
+//! * `both`: the parts of L_p, p ≥ 1, in the scale L_0 = 1; and in the same scale the slice: an outcome for each. Of the slice the parts of ρ̃_{p,q} are compared,
+//!   and only if none of them is determined its values: light that is found up to a frequency has no detail beyond it.
 //!
 //! # What is reported
 //!
@@ -19,7 +20,8 @@
 //! sum over cells for ρ̃), and N the norm of the truth (of L: up to the band, since a sun's own norm is infinite):
 //!
 //! * rmse = √⟨|e|²⟩ / N over the draws; bias = |⟨e⟩| / N, of which rmse/√draws is left by chance alone;
-//! * bound = √(Σ Cramér–Rao bounds) / N of the unregularised problem on the same quantities: for `both` at the truth, for the
+//! * bound = √(Σ Cramér–Rao bounds) / N of the unregularised problem on the same quantities: for `both` at the truth (of the slice with all
+//!   frequencies of the light unknown that the recovery finds), for the
 //!   others by the recovery itself, its mean square over the draws (it knows the samples' variances, which are the truth's);
 //! * ratio = rmse / bound; each = the ratio value by value, √⟨error²/bound²⟩ (in the report only); coverage: how many of all errors are within ±1.96 σ of their own draw;
 //! * band: `lighting`, `both`: the largest determined p; `brdf`: the largest p up to which every ρ̃_{p,q}, |q| ≤ p, is
@@ -32,9 +34,9 @@ mod scene;
 mod tally;
 
 pub use cell::{Cell, Recovered};
-pub use folder::{StudyFolder, csv};
+pub use folder::{StudyFolder, tables};
 pub use recipe::{Plan, StudyRecipe};
-pub use tally::Outcome;
+pub use tally::{Outcome, Quantity};
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -42,7 +44,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::error::{Error, Result};
 use cell::Prepared;
 
-/// Draws every cell of `plan` that `folder` does not hold yet, and returns the outcomes of all in the plan's order.
+/// Draws every cell of `plan` that `folder` does not hold yet, and returns the outcomes of all in the plan's order, one for each of the
+/// [`Recovered::quantities`].
 ///
 /// `threads` draws are made at the same time, each on one thread, so that the result does not depend on their number.
 /// `begin` is told of every cell and its number of draws, `step` of every draw that is done.
@@ -60,16 +63,16 @@ pub fn run(
     let mut done: Vec<(Cell, Outcome)> = Vec::new();
     let mut field = None;
     for cell in &plan.cells {
-        if let Some(outcome) = folder.read(cell)? {
-            done.push((cell.clone(), outcome));
+        if let Some(outcomes) = folder.read(cell)? {
+            done.extend(outcomes.into_iter().map(|o| (cell.clone(), o)));
             continue;
         }
         begin(cell, cell.draws);
         let prepared = Prepared::new(cell, &mut field)?;
         let draws = on_threads(cell.draws, threads, step, |draw| prepared.draw(draw))?;
-        let outcome = prepared.tally(draws);
-        folder.write(cell, &outcome)?;
-        done.push((cell.clone(), outcome));
+        let outcomes = prepared.tally(draws);
+        folder.write(cell, &outcomes)?;
+        done.extend(outcomes.into_iter().map(|o| (cell.clone(), o)));
     }
     Ok(done)
 }

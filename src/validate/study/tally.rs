@@ -5,6 +5,27 @@ use serde::{Deserialize, Serialize};
 /// Two-sided 95 % point of the normal distribution.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
 
+/// What an outcome is about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Quantity {
+    /// The light.
+    #[default]
+    Lighting,
+    /// The BRDF slice.
+    Brdf,
+}
+
+impl Quantity {
+    /// The word in the table.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Lighting => "lighting",
+            Self::Brdf => "brdf",
+        }
+    }
+}
+
 /// What a draw says of one real quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Judged {
@@ -27,9 +48,11 @@ pub(super) struct Draw {
     pub band: Option<usize>,
 }
 
-/// The result of a cell.
+/// The result of a cell, of one of the quantities that it recovers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
+    /// What it is about.
+    pub quantity: Quantity,
     /// Largest frequency that is determined; `None`: nothing is.
     pub band: Option<usize>,
     /// Number of real quantities that are determined in every draw.
