@@ -39,6 +39,8 @@ const WORTHWHILE: f64 = 0.9;
 const ROUNDS: usize = 3;
 /// Gauss–Newton steps under one prior, at the most.
 const STEPS: usize = 8;
+/// Step, in standard deviations, that is left out: it would move nothing that matters, and what the sources give would have to be found again.
+const REST: f64 = 0.03;
 /// Standard deviation of a direction (radians) beyond which the data do not guide it.
 const LOST: f64 = 0.3;
 /// Longest step of a direction, radians: within the width of a lobe the step may be trusted.
@@ -255,10 +257,10 @@ impl Fit {
 #[derive(Debug)]
 pub struct Mixture {
     pub fits: Vec<Fit>,
-    /// Directions of the sources, radians.
-    pub directions: Vec<f64>,
-    /// Their standard deviations, radians.
+    /// Standard deviations of the sources' directions, radians.
     pub direction_sigmas: Vec<f64>,
+    /// What they give.
+    shone: Arc<Shone>,
     log_evidence: f64,
     coefficients: Vec<usize>,
 }
@@ -270,7 +272,11 @@ impl Mixture {
         channels: &[Channel<'_>],
         regularisation: Regularisation,
     ) -> Result<Self> {
-        Self::with_directions(lit, channels, &[], regularisation)
+        Self::chosen(
+            Arc::new(Shone::new(lit, channels, &[])),
+            channels,
+            regularisation,
+        )
     }
 
     /// The likeliest number of sources, starting from these, after the channels' noise has changed.
@@ -281,12 +287,8 @@ impl Mixture {
         regularisation: Regularisation,
         candidates: &[f64],
     ) -> Result<Self> {
-        Self::refined(lit, channels, &self.directions, regularisation)?.extended(
-            lit,
-            channels,
-            regularisation,
-            candidates,
-        )
+        let settled = Self::settled(lit, channels, Arc::clone(&self.shone), regularisation)?;
+        settled.extended(lit, channels, regularisation, candidates)
     }
 
     /// With as many more sources at `candidates` (directions, radians, brightest first) as are believed, and peaks split in two.
@@ -298,7 +300,7 @@ impl Mixture {
         candidates: &[f64],
     ) -> Result<Self> {
         let mut best = self;
-        let found = best.directions.clone();
+        let found = best.directions().to_vec();
         let mut trial = found.clone();
         let mut worse = 0;
         for &candidate in candidates {
@@ -322,15 +324,15 @@ impl Mixture {
             }
         }
         // Two sources within a lobe may show as one peak.
-        let known = if best.directions.is_empty() {
+        let known = if best.directions().is_empty() {
             candidates
         } else {
-            &best.directions
+            best.directions()
         }
         .to_vec();
         for (s, theta) in known.iter().enumerate().take(MOST_SPLITS) {
             let mut split = known.clone();
-            if best.directions.is_empty() {
+            if best.directions().is_empty() {
                 split.truncate(s + 1);
             }
             split[s] = theta - SPLIT;
@@ -346,7 +348,7 @@ impl Mixture {
     pub fn measure_noise(&self, channels: &mut [Channel<'_>]) -> bool {
         let mut changed = false;
         for (channel, fit) in channels.iter_mut().zip(&self.fits) {
-            let unknowns = fit.posterior.mean.len() + self.directions.len();
+            let unknowns = fit.posterior.mean.len() + self.directions().len();
             let measured = channel.noise_scale_of(fit.square, unknowns);
             if measured < WORTHWHILE * channel.noise_scale {
                 channel.noise_scale = measured;
@@ -367,7 +369,7 @@ impl Mixture {
         let trial = Self::refined(lit, channels, directions, regularisation)?;
         let more = directions
             .len()
-            .saturating_sub(self.directions.len())
+            .saturating_sub(self.directions().len())
             .max(1);
         let better = trial.log_evidence > self.log_evidence + BELIEF * more as f64
             && trial.is_lit()
@@ -380,7 +382,7 @@ impl Mixture {
 
     /// Whether the residuals are within what models are good for, and mostly by sources.
     fn explains(&self, channels: &[Channel<'_>]) -> bool {
-        !self.directions.is_empty()
+        !self.directions().is_empty()
             && channels.iter().zip(&self.fits).all(|(channel, fit)| {
                 let limit = (SPLIT_ERROR * channel.system.largest).powi(2) * channel.system.weight;
                 fit.square <= limit
@@ -399,14 +401,29 @@ impl Mixture {
             .iter()
             .map(|c| Strength::Held(SpectralPrior::flat(SHARP * c.mean_light)))
             .collect();
-        let mut settled = Self::descended(lit, channels, directions, &sharp)?;
-        let mut mixture = Self::with_directions(lit, channels, &settled, regularisation)?;
+        let begun = Self::fitted(
+            Arc::new(Shone::new(lit, channels, directions)),
+            channels,
+            &sharp,
+        )?;
+        let shone = begun.descended(lit, channels, &sharp)?;
+        Self::settled(lit, channels, shone, regularisation)
+    }
+
+    /// Directions and the prior that the data choose, improved in turn from these directions.
+    fn settled(
+        lit: &Lit<'_>,
+        channels: &[Channel<'_>],
+        shone: Arc<Shone>,
+        regularisation: Regularisation,
+    ) -> Result<Self> {
+        let mut mixture = Self::chosen(shone, channels, regularisation)?;
         // The better the directions, the less is left for the smooth light, and the other way round.
         for _ in 0..ROUNDS {
             let priors: Vec<SpectralPrior> = mixture.fits.iter().map(|f| f.prior).collect();
             let held: Vec<Strength> = priors.iter().map(|&p| Strength::Held(p)).collect();
-            settled = mixture.descended_on(lit, channels, &held)?;
-            mixture = Self::with_directions(lit, channels, &settled, regularisation)?;
+            let shone = mixture.descended(lit, channels, &held)?;
+            mixture = Self::chosen(shone, channels, regularisation)?;
             if mixture.fits.iter().map(|f| f.prior).eq(priors) {
                 break;
             }
@@ -420,78 +437,76 @@ impl Mixture {
         Ok(mixture)
     }
 
-    /// Directions at which the Gauss–Newton steps under held priors have come to rest.
+    /// What the sources give in the directions at which the Gauss–Newton steps under held priors come to rest, starting from this fit, whose
+    /// priors are those held.
     fn descended(
-        lit: &Lit<'_>,
-        channels: &[Channel<'_>],
-        directions: &[f64],
-        strengths: &[Strength],
-    ) -> Result<Vec<f64>> {
-        Self::fitted(lit, channels, directions, strengths)?.descended_on(lit, channels, strengths)
-    }
-
-    /// The same, starting from this fit, whose priors are those held.
-    fn descended_on(
         &self,
         lit: &Lit<'_>,
         channels: &[Channel<'_>],
         strengths: &[Strength],
-    ) -> Result<Vec<f64>> {
-        let mut directions = self.directions.clone();
+    ) -> Result<Arc<Shone>> {
         let mut next;
         let mut mixture = self;
-        for step in 1..=STEPS {
+        for step in 1.. {
             let steps = mixture.direction_steps();
-            for (theta, (step, _)) in directions.iter_mut().zip(&steps) {
-                *theta = wrap(*theta + step.clamp(-LONGEST_STEP, LONGEST_STEP));
-            }
-            // Steps shrink so fast that what is left after one of a tenth of a standard deviation is nothing.
-            if step == STEPS || steps.iter().all(|(step, sigma)| step.abs() < 0.1 * sigma) {
+            let within = |part: f64| steps.iter().all(|(step, sigma)| step.abs() < part * sigma);
+            if within(REST) {
                 break;
             }
-            next = Self::fitted(lit, channels, &directions, strengths)?;
+            let directions: Vec<f64> = mixture
+                .directions()
+                .iter()
+                .zip(&steps)
+                .map(|(theta, (step, _))| wrap(theta + step.clamp(-LONGEST_STEP, LONGEST_STEP)))
+                .collect();
+            let shone = Arc::new(Shone::new(lit, channels, &directions));
+            // Steps shrink so fast that what is left after one of a tenth of a standard deviation is nothing.
+            if step == STEPS || within(0.1) {
+                return Ok(shone);
+            }
+            next = Self::fitted(shone, channels, strengths)?;
             mixture = &next;
         }
-        Ok(directions)
+        Ok(Arc::clone(&mixture.shone))
     }
 
-    /// The fit with the sources' directions held.
-    fn with_directions(
-        lit: &Lit<'_>,
+    /// The fit with the sources' directions held, and priors as the recipe says.
+    fn chosen(
+        shone: Arc<Shone>,
         channels: &[Channel<'_>],
-        directions: &[f64],
         regularisation: Regularisation,
     ) -> Result<Self> {
         let strengths = vec![Strength::Chosen(regularisation); channels.len()];
-        Self::fitted(lit, channels, directions, &strengths)
+        Self::fitted(shone, channels, &strengths)
     }
 
-    fn fitted(
-        lit: &Lit<'_>,
-        channels: &[Channel<'_>],
-        directions: &[f64],
-        strengths: &[Strength],
-    ) -> Result<Self> {
-        let Shone { responses, sums } = Shone::new(lit, channels, directions);
+    fn fitted(shone: Arc<Shone>, channels: &[Channel<'_>], strengths: &[Strength]) -> Result<Self> {
         let fits: Vec<Fit> = channels
             .par_iter()
             .zip(strengths)
-            .zip(responses)
-            .zip(sums)
-            .map(|(((channel, strength), own), sums)| fit_channel(channel, own, &sums, *strength))
+            .zip(&shone.responses)
+            .zip(&shone.sums)
+            .map(|(((channel, strength), own), sums)| {
+                fit_channel(channel, own.clone(), sums, *strength)
+            })
             .collect::<Result<_>>()?;
         Ok(Self {
             log_evidence: fits.iter().map(|f| f.log_evidence).sum(),
             fits,
-            directions: directions.to_vec(),
-            direction_sigmas: vec![0.0; directions.len()],
+            direction_sigmas: vec![0.0; shone.directions.len()],
             coefficients: channels.iter().map(|c| c.system.vector.len()).collect(),
+            shone,
         })
+    }
+
+    /// Directions of the sources, radians.
+    pub fn directions(&self) -> &[f64] {
+        &self.shone.directions
     }
 
     /// For each source the Gauss–Newton step of its direction and its standard deviation, radians.
     fn direction_steps(&self) -> Vec<(f64, f64)> {
-        (0..self.directions.len())
+        (0..self.directions().len())
             .map(|s| {
                 let gradient: f64 = self.fits.iter().map(|fit| fit.guides[s].0).sum();
                 let curvature: f64 = self.fits.iter().map(|fit| fit.guides[s].1).sum();
@@ -523,7 +538,7 @@ impl Mixture {
 
     /// Whether every source sends light in some channel and takes it from none beyond its error.
     fn is_lit(&self) -> bool {
-        (0..self.directions.len()).all(|s| {
+        (0..self.directions().len()).all(|s| {
             let all = self.irradiances(s);
             all.iter().any(|(e, sigma)| *e > 5.0 * sigma)
                 && all.iter().all(|(e, sigma)| *e > -3.0 * sigma)
@@ -538,7 +553,7 @@ impl Mixture {
             .iter()
             .map(|c| c.brdf.lobe_width())
             .fold(f64::INFINITY, f64::min);
-        let Some((last, others)) = self.directions.split_last() else {
+        let Some((last, others)) = self.directions().split_last() else {
             return true;
         };
         let near = others
@@ -557,11 +572,11 @@ impl Mixture {
 
     /// The sources as they are reported.
     pub fn source_estimates(&self) -> Vec<SourceEstimate> {
-        (0..self.directions.len())
+        (0..self.directions().len())
             .map(|s| {
                 let all = self.irradiances(s);
                 SourceEstimate {
-                    theta_deg: self.directions[s].to_degrees(),
+                    theta_deg: self.directions()[s].to_degrees(),
                     theta_sigma_deg: self.direction_sigmas[s].to_degrees(),
                     irradiance: all.iter().map(|(e, _)| e.max(0.0)).collect(),
                     irradiance_sigma: all.iter().map(|(_, sigma)| *sigma).collect(),

@@ -185,7 +185,7 @@ pub fn recover_with(
     let mut mixture = smooth?.extended(&lit, &channels, options.regularisation, &candidates)?;
     // What sources explain is no noise: with less noise, fainter sources show and errors are smaller.
     for _ in 0..NOISE_ROUNDS {
-        if mixture.directions.is_empty() || !mixture.measure_noise(&mut channels) {
+        if mixture.directions().is_empty() || !mixture.measure_noise(&mut channels) {
             break;
         }
         weak = weak_posteriors(&channels)?;
@@ -342,7 +342,7 @@ fn finish(
     let mut unknowns = fit.posterior.mean.clone();
     let mut shown = unknowns.clone();
     if options.non_negative {
-        shown = constrained(&fit.posterior, order, mixture.directions.len())?;
+        shown = constrained(&fit.posterior, order, mixture.directions().len())?;
         // A series that ends at P and is nowhere negative cannot be as sharp as light can. Where the data
         // see that, the coefficients stay theirs and only the table is kept above zero: 4 per unknown is far
         // beyond what noise gives, 1 per active constraint at the most.
@@ -351,7 +351,7 @@ fn finish(
         }
     }
     let smooth = to_series(&unknowns[..n]);
-    let (irradiance, systematics) = unknowns[n..].split_at(mixture.directions.len());
+    let (irradiance, systematics) = unknowns[n..].split_at(mixture.directions().len());
 
     let circle = CircleTransform::new(TABLE, -PI);
     let mut table = circle.synthesise(&to_series(&shown[..n]));
@@ -367,7 +367,7 @@ fn finish(
         .map(|v| v.max(0.0))
         .collect();
     let step = TAU / TABLE as f64;
-    for (s, (&theta, &e)) in mixture.directions.iter().zip(irradiance).enumerate() {
+    for (s, (&theta, &e)) in mixture.directions().iter().zip(irradiance).enumerate() {
         let variance = covariance[(n + s, n + s)];
         // The two nearest values share the source so that its irradiance and its direction are kept.
         let at = (theta + PI).rem_euclid(TAU) / step;
@@ -430,14 +430,14 @@ fn coefficient(
     let n = 2 * channel.system.order + 1;
     let parts = if p == 0 { 1 } else { 2 };
     let mut value = smooth.coefficients[p];
-    for (&theta, &e) in mixture.directions.iter().zip(irradiance) {
+    for (&theta, &e) in mixture.directions().iter().zip(irradiance) {
         value += e / TAU * Complex64::cis(-(p as f64) * theta);
     }
     let mut variance = 0.0;
     for part in 0..parts {
         // The real or the imaginary part as a combination of the unknowns.
         let mut combination = vec![(position(p) + part, 1.0)];
-        for (s, &theta) in mixture.directions.iter().enumerate() {
+        for (s, &theta) in mixture.directions().iter().enumerate() {
             let phase = Complex64::cis(-(p as f64) * theta) / TAU;
             combination.push((n + s, if part == 0 { phase.re } else { phase.im }));
         }

@@ -44,7 +44,10 @@ impl Sums {
 }
 
 /// What sources in some directions give in the samples of all channels.
+#[derive(Debug)]
 pub struct Shone {
+    /// θ of the sources, radians.
+    pub directions: Vec<f64>,
     /// Responses to unit irradiance, \[channel\]\[source\].
     pub responses: Vec<Vec<Arc<Response>>>,
     /// \[channel\].
@@ -98,6 +101,7 @@ impl Shone {
             .map(|of_source| of_source.into_iter().map(Arc::new).collect())
             .collect();
         Self {
+            directions: directions.to_vec(),
             responses: places
                 .iter()
                 .map(|&b| responses.iter().map(|of| Arc::clone(&of[b])).collect())
